@@ -1,0 +1,1 @@
+"""The front door: the `lacoloco` command. One file per verb."""
