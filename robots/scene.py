@@ -1,0 +1,134 @@
+"""From a robot to a model that can be simulated: floor, motors, contact sensors, solver."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lacoloco.robots.errors import RobotError
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from lacoloco.robots.spec import RobotSpec
+
+FLOOR_FRICTION = 1.0  # as the original's ground; feet override it, see _set_contacts
+SOLVER_ITERATIONS = 10  # Newton needs 2-4 from a warm start
+LINESEARCH_ITERATIONS = 10
+SOLVER_TOLERANCE = 1e-6
+
+
+def compile_scene(
+    robot: RobotSpec, *, floor: bool, timestep: float, training_limits: bool, visual: bool
+) -> mujoco.MjModel:
+    """Robot + floor + position motors + contact sensors, compiled.
+
+    Motors are in the order of ``joint_names``; ``ctrl`` is the target joint position (J,), rad,
+    and the torque is clip(kp (ctrl - q) - kd qdot, +-limit), integrated implicitly
+    (``implicitfast``). Speed limits are not enforced: MuJoCo has none.
+
+    Every body of ``robot.contact_bodies`` gets a sensor ``force_<body>``: the sum of its contact
+    forces, friction included, (3,), world frame, N. Only the norm should be read: which of the two
+    touching bodies it acts on is a convention of the engine.
+
+    Args:
+        robot: The robot.
+        floor: Add the plane ``floor`` at z = 0.
+        timestep: Physics step, s.
+        training_limits: Torque limits of training instead of those of the motors.
+        visual: Keep the geoms that are only looked at.
+
+    Raises:
+        RobotError: The MJCF is missing or lacks a body or joint the spec names.
+    """
+    import mujoco
+
+    try:
+        spec = mujoco.MjSpec.from_file(str(robot.mjcf))
+    except ValueError as error:
+        raise RobotError(f"{robot.mjcf}: {str(error).splitlines()[0]}") from error
+    spec.compiler.discardvisual = not visual
+    _set_solver(spec, timestep)
+    if floor:
+        _add_floor(spec)
+    _set_contacts(spec, robot)
+    _add_motors(spec, robot, training_limits)
+    _add_sensors(spec, robot)
+    for key in spec.keys:
+        key.ctrl = list(key.qpos)[7:]
+    return spec.compile()
+
+
+def _set_solver(spec: mujoco.MjSpec, timestep: float) -> None:
+    import mujoco
+
+    option = spec.option
+    option.timestep = timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    option.iterations = SOLVER_ITERATIONS
+    option.ls_iterations = LINESEARCH_ITERATIONS
+    option.tolerance = SOLVER_TOLERANCE
+
+
+def _add_floor(spec: mujoco.MjSpec) -> None:
+    import mujoco
+
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 1],  # 0: infinite; 1 m: spacing of the grid lines when drawn
+        friction=[FLOOR_FRICTION, 0.005, 0.0001],
+        rgba=[0.78, 0.8, 0.82, 1],
+    )
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 4], dir=[0.3, 0.4, -1]
+    )
+
+
+def _set_contacts(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Self collision by contype/conaffinity; feet decide the friction of their contacts.
+
+    Two geoms touch if (contype1 & conaffinity2) | (contype2 & conaffinity1). Friction is the
+    larger of the two unless priorities differ, so only with a higher priority can a foot's friction,
+    randomised per world, fall below the floor's.
+    """
+    feet = set(robot.feet)
+    for body in spec.bodies[1:]:
+        for geom in body.geoms:
+            touches = bool(geom.contype or geom.conaffinity)
+            if touches and not robot.self_collision:
+                geom.contype, geom.conaffinity = 0, 1
+            if touches and body.name in feet:
+                geom.priority = 1
+
+
+def _add_motors(spec: mujoco.MjSpec, robot: RobotSpec, training_limits: bool) -> None:
+    import mujoco
+
+    for i, name in enumerate(robot.joint_names):
+        joint = spec.joint(name)
+        if joint is None:
+            raise RobotError(f"{robot.mjcf}: no joint {name!r}; fix joint_names of {robot.name!r}")
+        limit = robot.training_effort_limits[i] if training_limits else joint.actfrcrange[1]
+        joint.actfrcrange = [-limit, limit]
+        motor = spec.add_actuator(name=name, target=name, forcerange=[-limit, limit])
+        motor.set_to_position(kp=robot.stiffness[i], kv=robot.damping[i])
+        motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+
+
+def _add_sensors(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    import mujoco
+
+    netforce = 3  # reduce: none, mindist, maxforce, netforce
+    force = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
+    for name in robot.contact_bodies:
+        if spec.body(name) is None:
+            raise RobotError(f"{robot.mjcf}: no body {name!r}; fix the spec of {robot.name!r}")
+        spec.add_sensor(
+            name=f"force_{name}",
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            objname=name,
+            intprm=[force, netforce, 1],
+        )

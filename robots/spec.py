@@ -1,0 +1,189 @@
+"""What a robot is: its MJCF, plus the numbers MJCF has no place for."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lacoloco.robots.errors import RobotError
+
+if TYPE_CHECKING:
+    import mujoco
+    import pinocchio
+
+
+@dataclass(frozen=True)
+class EndEffector:
+    """The point that reaches for targets.
+
+    Attributes:
+        body: Body of the MJCF that carries it.
+        offset: Position in the frame of that body, metres.
+    """
+
+    body: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """One robot. Joint tuples have one entry per joint, in the order of ``joint_names``.
+
+    Attributes:
+        name: Name in the registry.
+        mjcf: The hand-written MJCF; the only source of frames, masses, ranges and efforts.
+        joint_names: Order of the MJCF and of Pinocchio, and of every joint vector in the project.
+        default_joint_pos: Default pose, rad; actions are offsets from it.
+        stiffness: Proportional gains, N.m/rad.
+        damping: Derivative gains, N.m.s/rad.
+        action_scale: Radians per unit of action (low level, reaching).
+        walk_action_scale: Radians per unit of action of the walking expert.
+        training_effort_limits: Torque limits while training, N.m. Evaluation uses those of the
+            MJCF (``effort_limits``).
+        velocity_limits: Speed limits of the motors, rad/s. MuJoCo does not enforce them: they
+            serve rewards, constraints and checks.
+        end_effector: The point that reaches for targets.
+        feet: Bodies that may touch the ground, each named ``*_FOOT``.
+        fall_bodies: Bodies whose contact (> 1 N) is a fall.
+        undesired_contact_bodies: Bodies whose contact is a mistake but not a fall.
+        contact_force_limit: Limit of the force on one foot, in multiples of ``weight()``.
+        self_collision: Whether the robot's own bodies collide with each other.
+        keypoints: Mocap joint -> body of this robot, for retargeting; empty if unused.
+        retarget_neutral: Joint pose the retargeting is drawn to, rad.
+        retarget_lower: Lower joint bounds of the retargeting, rad.
+        retarget_upper: Upper joint bounds of the retargeting, rad.
+        knee_frames: Bodies whose origin the retargeting keeps above the ground.
+    """
+
+    name: str
+    mjcf: Path
+    joint_names: tuple[str, ...]
+    default_joint_pos: tuple[float, ...]
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
+    action_scale: float
+    walk_action_scale: float
+    training_effort_limits: tuple[float, ...]
+    velocity_limits: tuple[float, ...]
+    end_effector: EndEffector
+    feet: tuple[str, ...]
+    fall_bodies: tuple[str, ...]
+    undesired_contact_bodies: tuple[str, ...]
+    contact_force_limit: float
+    self_collision: bool
+    retarget_neutral: tuple[float, ...]
+    retarget_lower: tuple[float, ...]
+    retarget_upper: tuple[float, ...]
+    knee_frames: tuple[str, ...]
+    keypoints: Mapping[str, str] = field(default_factory=dict, hash=False)
+
+    @property
+    def num_joints(self) -> int:
+        """Number of actuated joints J (Solo12: 12, H1: 19)."""
+        return len(self.joint_names)
+
+    @property
+    def contact_bodies(self) -> tuple[str, ...]:
+        """Bodies with a ``force_<body>`` sensor: feet, fall bodies, undesired ones, in order."""
+        return tuple(
+            dict.fromkeys((*self.feet, *self.fall_bodies, *self.undesired_contact_bodies))
+        )
+
+    def model(self) -> mujoco.MjModel:
+        """The bare robot in MuJoCo: no floor, no actuators. Shared: read it, do not write to it.
+
+        Raises:
+            RobotError: The MJCF is missing or MuJoCo cannot compile it.
+        """
+        return _bare_model(self.mjcf)
+
+    def compile(
+        self,
+        *,
+        floor: bool = True,
+        timestep: float = 0.005,
+        training_limits: bool = False,
+        visual: bool = False,
+    ) -> mujoco.MjModel:
+        """A new model to simulate; see ``lacoloco.robots.scene.compile_scene``.
+
+        Args:
+            floor: Add the plane ``floor`` at z = 0.
+            timestep: Physics step, s.
+            training_limits: Torque limits of training instead of those of the motors.
+            visual: Keep the geoms that are only looked at (rendering; a little slower).
+
+        Raises:
+            RobotError: The MJCF is missing, or lacks a body or joint this spec names.
+        """
+        from lacoloco.robots.scene import compile_scene
+
+        return compile_scene(
+            self, floor=floor, timestep=timestep, training_limits=training_limits, visual=visual
+        )
+
+    def pinocchio_model(self) -> pinocchio.Model:
+        """A new Pinocchio model of the same MJCF (nq = 7 + J, quaternion xyzw)."""
+        import pinocchio
+
+        if not self.mjcf.is_file():
+            raise RobotError(f"{self.mjcf}: no such MJCF; fix `mjcf` of robot {self.name!r}")
+        return pinocchio.buildModelFromMJCF(str(self.mjcf))
+
+    def model_hash(self) -> str:
+        """SHA-256 of the MJCF's bytes, hexadecimal: what artifacts record as provenance."""
+        return hashlib.sha256(self.mjcf.read_bytes()).hexdigest()
+
+    def total_mass(self) -> float:
+        """Mass of the whole robot, kg."""
+        return float(self.model().body_mass.sum())
+
+    def weight(self) -> float:
+        """Total mass times gravity, N."""
+        return self.total_mass() * float(np.linalg.norm(self.model().opt.gravity))
+
+    def foot_force_limit(self) -> float:
+        """Limit of the contact force on one foot, N: ``contact_force_limit * weight()``."""
+        return self.contact_force_limit * self.weight()
+
+    def effort_limits(self) -> np.ndarray:
+        """Torque limits of the motors, (J,), N.m, from ``actuatorfrcrange``."""
+        return self.model().jnt_actfrcrange[1:, 1].copy()
+
+    def joint_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper joint limits, (J,) each, rad, from ``range``."""
+        limits = self.model().jnt_range[1:]
+        return limits[:, 0].copy(), limits[:, 1].copy()
+
+    def default_height(self) -> float:
+        """Height of the base with the feet just touching the floor in the default pose, m."""
+        from lacoloco.robots.geometry import standing_height
+
+        return standing_height(self.model(), np.asarray(self.default_joint_pos), self.feet)
+
+    def default_qpos(self) -> np.ndarray:
+        """Default pose on the floor in MuJoCo's order, (7 + J,): xyz, wxyz, joints."""
+        base = [0.0, 0.0, self.default_height(), 1.0, 0.0, 0.0, 0.0]
+        return np.concatenate([base, self.default_joint_pos])
+
+    def foot_radius(self) -> float:
+        """Radius of the (sphere or capsule) geoms of the feet, m."""
+        from lacoloco.robots.geometry import foot_radius
+
+        return foot_radius(self.model(), self.feet)
+
+
+@lru_cache(maxsize=8)
+def _bare_model(path: Path) -> mujoco.MjModel:
+    import mujoco
+
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise RobotError(f"{path}: MuJoCo cannot load it: {str(error).splitlines()[0]}") from error
