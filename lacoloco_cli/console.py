@@ -1,0 +1,228 @@
+"""What a person sees: progress on stderr, tables on stdout."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    import rich.progress
+    from lacoloco.pipelines.stage import Progress
+
+Clock = Callable[[], float]
+
+
+def note(line: str) -> None:
+    """Print one line on stderr."""
+    typer.echo(line, err=True)
+
+
+def progress(quiet: bool = False) -> Progress:
+    """Choose how progress is shown: not at all, as a bar (terminal) or as plain lines."""
+    if quiet:
+        from lacoloco.pipelines.stage import SILENT
+
+        return SILENT
+    return Bar() if sys.stderr.isatty() else Lines()
+
+
+class Meter:
+    """Rate of work over a sliding window."""
+
+    WINDOW = 60.0  # s; long enough to smooth an update, short enough to follow a change
+    RESUMED = 0.5  # s; a jump this soon after the start is work done before, not now
+
+    def __init__(self, total: int, clock: Clock = time.monotonic) -> None:
+        """Start at zero done."""
+        self.total = total
+        self.done = 0
+        self._clock = clock
+        self._samples = deque([(clock(), 0)])
+
+    def update(self, done: int) -> None:
+        """Record how much is done, absolute."""
+        now = self._clock()
+        if len(self._samples) == 1 and now - self._samples[0][0] < self.RESUMED:
+            self._samples.clear()
+        self._samples.append((now, done))
+        while len(self._samples) > 2 and now - self._samples[0][0] > self.WINDOW:
+            self._samples.popleft()
+        self.done = done
+
+    @property
+    def rate(self) -> float:
+        """Work per second; 0 while unknown."""
+        (start, first), (end, last) = self._samples[0], self._samples[-1]
+        return (last - first) / (end - start) if end > start else 0.0
+
+    def summary(self) -> str:
+        """Done of total, share, rate and time left, for one line."""
+        parts = [f"{self.done:,}"]
+        if self.total:
+            parts = [f"{self.done:,}/{self.total:,}", f"({self.done / self.total:.0%})"]
+        if self.rate:
+            parts.append(f"{rate_text(self.rate)}/s")
+            if self.total:
+                parts.append(f"eta {duration_text((self.total - self.done) / self.rate)}")
+        return " ".join(parts)
+
+
+class Lines:
+    """Progress as plain lines, one every ten seconds at most: for logs and pipes."""
+
+    EVERY = 10.0  # s
+
+    def __init__(self, clock: Clock = time.monotonic) -> None:
+        """Print nothing yet."""
+        self._clock = clock
+        self._meter: Meter | None = None
+        self._figures: Mapping[str, float] = {}
+        self._description = ""
+        self._printed_at = 0.0
+        self._printed: int | None = None
+
+    def start(self, description: str, total: int) -> None:
+        """Begin a part; the first line comes with the first figures."""
+        self._meter = Meter(total, self._clock)
+        self._description = description
+        self._figures = {}
+        self._printed_at, self._printed = self._clock(), None
+
+    def advance(self, done: int, **figures: float) -> None:
+        """Take note, and print when ten seconds have passed since the last line."""
+        if self._meter is None:
+            return
+        self._meter.update(done)
+        self._figures = {**self._figures, **figures}
+        if self._clock() - self._printed_at >= self.EVERY:
+            self._print()
+
+    def say(self, line: str) -> None:
+        """Print a line."""
+        note(line)
+
+    def stop(self) -> None:
+        """End the part with a last line."""
+        if self._meter is not None and self._printed != self._meter.done:
+            self._print()
+        self._meter = None
+
+    def _print(self) -> None:
+        assert self._meter is not None
+        self._printed_at, self._printed = self._clock(), self._meter.done
+        figures = figures_text(self._figures)
+        note(f"{self._description}  {self._meter.summary()}  {figures}".rstrip())
+
+
+class Bar:
+    """Progress as one live bar per part, with rate, time left and figures."""
+
+    def __init__(self) -> None:
+        """Draw nothing yet."""
+        self._bar: rich.progress.Progress | None = None
+        self._meter: Meter | None = None
+        self._figures: Mapping[str, float] = {}
+
+    def start(self, description: str, total: int) -> None:
+        """Begin a part with its own bar."""
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self.stop()
+        self._meter, self._figures = Meter(total), {}
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.fields[summary]}"),
+            TimeElapsedColumn(),
+            TextColumn("[dim]{task.fields[figures]}"),
+            console=Console(stderr=True),
+        )
+        self._bar.add_task(description, total=total or None, summary="", figures="")
+        self._bar.start()
+
+    def advance(self, done: int, **figures: float) -> None:
+        """Move the bar."""
+        if self._bar is None or self._meter is None:
+            return
+        self._meter.update(done)
+        self._figures = {**self._figures, **figures}
+        self._bar.update(
+            self._bar.task_ids[0],
+            completed=done,
+            summary=self._meter.summary(),
+            figures=figures_text(self._figures),
+        )
+
+    def say(self, line: str) -> None:
+        """Print a line above the bar."""
+        if self._bar is None:
+            note(line)
+        else:
+            self._bar.console.print(line, markup=False, highlight=False)
+
+    def stop(self) -> None:
+        """Freeze the bar where it is."""
+        if self._bar is not None:
+            self._bar.stop()
+        self._bar = self._meter = None
+
+
+def print_table(
+    columns: Sequence[str], rows: Iterable[Sequence[Any]], *, title: str | None = None
+) -> None:
+    """Print a table on stdout; numbers to the right, everything else to the left."""
+    from rich.console import Console
+    from rich.table import Table
+
+    rows = [list(row) for row in rows]
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for index, column in enumerate(columns):
+        numeric = bool(rows) and all(_is_number(row[index]) for row in rows)
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(cell_text(cell) for cell in row))
+    console = Console(markup=False, highlight=False)
+    if not console.is_terminal:
+        console.width = 160  # a pipe has no edge to wrap at
+    console.print(table)
+
+
+def cell_text(value: Any) -> str:  # noqa: ANN401
+    """Write one value the way a person reads it."""
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}" if abs(value) >= 10_000 else str(value)
+    return str(value)
+
+
+def figures_text(figures: Mapping[str, float]) -> str:
+    """Write named figures one after another."""
+    return "  ".join(f"{name} {cell_text(value)}" for name, value in figures.items())
+
+
+def rate_text(rate: float) -> str:
+    """Write a rate with at most four digits."""
+    return f"{rate / 1000:.1f}k" if rate >= 1000 else f"{rate:.3g}"
+
+
+def duration_text(seconds: float) -> str:
+    """Write a duration as `42s`, `3m05s` or `2h07m`."""
+    whole = int(seconds + 0.5)
+    if whole < 60:
+        return f"{whole}s"
+    if whole < 3600:
+        return f"{whole // 60}m{whole % 60:02d}s"
+    return f"{whole // 3600}h{whole % 3600 // 60:02d}m"
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401
+    return value is None or (isinstance(value, (int, float)) and not isinstance(value, bool))

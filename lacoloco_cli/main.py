@@ -1,0 +1,99 @@
+"""`lacoloco`: the verbs, in the order of the chain; each is imported only when it is called."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Annotated, Any, NoReturn
+
+import typer
+import typer.core
+import typer.main
+
+from lacoloco_cli.failures import USER_MISTAKE, explain
+
+VERBS = {
+    "generate": ("generate", "Record motions of expert policies, trained if need be."),
+    "retarget": ("retarget", "Turn motion capture (.bvh) into motions of the robot."),
+    "train-low": ("train_low", "Train the low level: latents to motion (ASE)."),
+    "train-high": ("train_high", "Train the high level: a target to latents."),
+    "eval": ("evaluate", "Measure error, falls and violations: the paper's Table I."),
+    "export": ("export", "Write both levels as ONNX that was checked against torch."),
+    "play": ("play", "Watch a motion or a policy in the browser or as HTML."),
+    "run": ("run", "Run a whole experiment, e.g. quickstart or solo12-dog."),
+    "runs": ("runs", "List, show and verify what lies in runs/."),
+    "robots": ("robots", "List, show and check the robots."),
+    "bench": ("bench", "Measure speed next to the raw engine."),
+    "doctor": ("doctor", "Check the installation; say which engine is used."),
+}
+"""Verb -> (module of `lacoloco_cli` with its `app`, one line of help)."""
+
+
+class FrontDoor(typer.core.TyperGroup):
+    """A group that knows its verbs by name and help, and imports one only to call it."""
+
+    def __init__(self, **attributes: Any) -> None:  # noqa: ANN401  typer's own
+        """List the verbs without importing them."""
+        super().__init__(**attributes)
+        for name, (_, help_line) in VERBS.items():
+            self.add_command(typer.core.TyperCommand(name=name, help=help_line))
+
+    def resolve_command(self, ctx: typer.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
+        """Exchange the listed verb for the real one."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if name in VERBS:
+            module = import_module(f"lacoloco_cli.{VERBS[name][0]}")
+            command = typer.main.get_command(module.app)
+            command.name = name
+        return name, command, rest
+
+    def main(self, args: Sequence[str] | None = None, **extra: Any) -> NoReturn:  # noqa: ANN401
+        """Run, and end a mistake in the command line itself with one line and exit code 2."""
+        arguments = list(sys.argv[1:] if args is None else args)
+        extra |= {"standalone_mode": False, "obj": {"arguments": arguments}}
+        try:
+            code = super().main(args=arguments or ["--help"], **extra)
+        except typer.TyperException as error:
+            code = _usage_error(error, arguments)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _usage_error(error: typer.TyperException, arguments: Sequence[str]) -> int:
+    if type(error).__name__ == "NoArgsIsHelpError":  # its message is the help text
+        typer.echo(error.format_message(), err=True)
+        return USER_MISTAKE
+    line, code = explain(error)
+    typer.echo(f"error: {line}", err=True)
+    if "--json" in arguments:
+        from lacoloco_cli.session import to_json
+
+        typer.echo(to_json({"error": line, "exit_code": code}))
+    return code
+
+
+app = typer.Typer(
+    cls=FrontDoor,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="From example motions to a legged robot that walks to a point and touches it.",
+    epilog="The chain: generate or retarget, train-low, train-high, eval, export, play.",
+)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"lacoloco {version('lacoloco')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print and exit."),
+    ] = False,
+) -> None:
+    """Take the options that come before the verb."""

@@ -1,0 +1,73 @@
+"""The options that every verb shares, each said once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from inspect import Parameter
+from typing import Annotated, Any
+
+import typer
+
+_PANEL = "Shared options"
+
+
+def _option(*names: str, help: str, **extra: Any) -> Any:  # noqa: ANN401  typer's own type
+    return typer.Option(*names, help=help, rich_help_panel=_PANEL, **extra)
+
+
+Run = Annotated[
+    str | None,
+    _option("--run", metavar="NAME", help="Name of the run; default: the one used last."),
+]
+Preset = Annotated[
+    str,
+    _option("--preset", metavar="NAME", help="Size of the work: smoke, laptop or paper."),
+]
+Set = Annotated[
+    list[str] | None,
+    _option("--set", metavar="KEY=VALUE", help="Change one config field; may be repeated."),
+]
+Seed = Annotated[int, _option("--seed", min=0, help="Seed of everything random.")]
+Device = Annotated[
+    str,
+    _option("--device", metavar="cpu|cuda", help="Where physics and learning run."),
+]
+Resume = Annotated[bool, _option("--resume", help="Continue the unfinished version.")]
+AsJson = Annotated[bool, _option("--json", help="Print exactly one JSON object on stdout.")]
+Quiet = Annotated[bool, _option("--quiet", "-q", help="Show no progress.")]
+Debug = Annotated[bool, _option("--debug", help="Show the traceback of an error.")]
+
+# own options of several verbs
+Robot = Annotated[str, typer.Option("--robot", metavar="NAME", help="One of `lacoloco robots`.")]
+Seeds = Annotated[
+    int,
+    typer.Option("--seeds", min=1, help="How many seeds, counted up from --seed."),
+]
+
+
+def _parameter(name: str, annotation: Any, default: Any) -> Parameter:  # noqa: ANN401
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+READING = (
+    _parameter("as_json", AsJson, False),
+    _parameter("quiet", Quiet, False),
+    _parameter("debug", Debug, False),
+)
+"""Shared options of a command that only reads, such as `runs list`."""
+
+IN_A_RUN = (_parameter("run", Run, None), *READING)
+"""Shared options of a command that reads or writes one run but has no config."""
+
+STAGE = (
+    _parameter("run", Run, None),
+    _parameter("preset", Preset, "laptop"),
+    _parameter("overrides", Set, None),
+    _parameter("seed", Seed, 0),
+    _parameter("device", Device, "cpu"),
+    _parameter("resume", Resume, False),
+    *READING,
+)
+"""Shared options of a command that runs a stage."""
+
+Body = Callable[..., None]

@@ -1,0 +1,280 @@
+"""One call of a verb: its options, its output, and how it ends.
+
+A verb is a function that takes a `Session` and its own options; `verb` adds the shared options,
+runs it and turns whatever happens into one line and an exit code.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import os
+import shlex
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from inspect import Parameter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import typer
+
+from lacoloco_cli import console, options
+from lacoloco_cli.failures import INTERRUPTED, UserError, explain
+from lacoloco_cli.overrides import apply_overrides
+
+if TYPE_CHECKING:
+    from lacoloco.datasets.store import RunStore
+    from lacoloco.pipelines.stage import Progress, StageContext
+
+Config = TypeVar("Config")
+
+
+@dataclass
+class Session:
+    """The shared options of one call, and what follows from them."""
+
+    verb: str
+    arguments: Sequence[str] = ()
+    """The command line after `lacoloco`."""
+    run: str | None = None
+    preset: str | None = None
+    overrides: Sequence[str] = ()
+    seed: int = 0
+    device: str = "cpu"
+    resume: bool = False
+    as_json: bool = False
+    quiet: bool = False
+    debug: bool = False
+    _answer: dict[str, Any] | None = field(default=None, init=False)
+
+    @cached_property
+    def store(self) -> RunStore:
+        """The run directories of the working directory, or of `$LACOLOCO_RUNS`."""
+        from lacoloco.datasets.store import RunStore
+
+        return RunStore()
+
+    @cached_property
+    def run_name(self) -> str:
+        """The run asked for, else the one used last, else `default`."""
+        return self.run or self.store.last_run() or "default"
+
+    @cached_property
+    def progress(self) -> Progress:
+        """Where the stage shows how far it is."""
+        return console.progress(self.quiet)
+
+    @property
+    def command(self) -> str:
+        """The command line as typed."""
+        return shlex.join(["lacoloco", *self.arguments])
+
+    def config(self, presets: Mapping[str, Callable[[], Config]]) -> Config:
+        """Make the config of a stage from `--preset` and `--set`.
+
+        Raises:
+            UserError: Unknown preset (the known ones are listed), key, or type of a value.
+        """
+        if self.preset not in presets:
+            known = ", ".join(presets)
+            raise UserError(f"--preset {self.preset}: not a preset of {self.verb}; use {known}")
+        return apply_overrides(presets[self.preset](), self.overrides)
+
+    def context(self, seed: int | None = None) -> StageContext:
+        """Make the context a stage runs in, and remember the run as the one used last."""
+        from lacoloco.pipelines.stage import StageContext
+
+        check_device(self.device)
+        self.store.use(self.run_name)
+        return StageContext(
+            store=self.store,
+            run=self.run_name,
+            seed=self.seed if seed is None else seed,
+            device=self.device,
+            resume=self.resume,
+            command=self.command,
+            progress=self.progress,
+        )
+
+    def seeds(self, count: int) -> range:
+        """The seeds of `--seeds N`, counted up from `--seed`."""
+        return range(self.seed, self.seed + count)
+
+    def answer(self, payload: Mapping[str, Any], show: Callable[[], None] | None = None) -> None:
+        """Give the result: as the JSON object with `--json`, else through `show`.
+
+        Args:
+            payload: Plain values; what `--json` prints. One answer per call.
+            show: Prints the same for a person; default: one `key: value` line each.
+        """
+        self.progress.stop()
+        if self.as_json:
+            self._answer = {**(self._answer or {}), **payload}
+        elif show is not None:
+            show()
+        else:
+            for key, value in payload.items():
+                typer.echo(f"{key}: {console.cell_text(value)}")
+
+    def resume_command(self) -> str:
+        """The command that continues this call after an interruption."""
+        arguments = list(self.arguments)
+        if "--run" not in arguments and not any(a.startswith("--run=") for a in arguments):
+            arguments += ["--run", self.run_name]
+        if "--resume" not in arguments:
+            arguments.append("--resume")
+        return shlex.join(["lacoloco", *arguments])
+
+
+def verb(
+    app: typer.Typer,
+    name: str | None = None,
+    *,
+    shared: Sequence[Parameter] = options.STAGE,
+    preset: str | None = None,
+) -> Callable[[options.Body], options.Body]:
+    """Register a function `(session, own options...)` as a command with the shared options.
+
+    Args:
+        app: The typer app of the verb's file.
+        name: Name of a sub-command; a file with one command needs none.
+        shared: `options.STAGE`, `options.IN_A_RUN` or `options.READING`.
+        preset: Another default for `--preset`.
+    """
+
+    def register(body: options.Body) -> options.Body:
+        own = list(inspect.signature(body, eval_str=True).parameters.values())[1:]
+        common = [p.replace(default=preset) if preset and p.name == "preset" else p for p in shared]
+        names = {parameter.name for parameter in shared}
+
+        def command(ctx: typer.Context, **values: Any) -> None:  # noqa: ANN401
+            given = {key: values.pop(key) for key in names}
+            given["overrides"] = given.get("overrides") or ()
+            arguments = (ctx.obj or {}).get("arguments") or ctx.command_path.split()[1:]
+            session = Session(verb=ctx.info_name or "", arguments=arguments, **given)
+            with guarded(session):
+                body(session, **values)
+
+        parameters = [Parameter("ctx", Parameter.POSITIONAL_ONLY, annotation=typer.Context)]
+        parameters += [p.replace(kind=Parameter.KEYWORD_ONLY) for p in (*own, *common)]
+        command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        command.__annotations__ = {p.name: p.annotation for p in parameters}
+        command.__name__, command.__doc__ = body.__name__, body.__doc__
+        app.command(name)(command)
+        return body
+
+    return register
+
+
+@contextmanager
+def guarded(session: Session) -> Iterator[None]:
+    """Run the body of a verb; end with exit code 0, 1 (our bug), 2 (user's) or 130 (Ctrl-C).
+
+    With `--json`, whatever the body or a library prints goes to stderr, and stdout gets exactly
+    one object: the answer, or `{"error": ..., "exit_code": ...}`.
+    """
+    code, line = 0, ""
+    with _stdout_kept_clean(session.as_json):
+        try:
+            yield
+        except (typer.Exit, BrokenPipeError):
+            raise
+        except (KeyboardInterrupt, typer.Abort):
+            _stop_progress(session)
+            code, line = INTERRUPTED, "interrupted"
+            if session.preset is not None:
+                line = f"interrupted; continue with: {session.resume_command()}"
+            console.note(line)
+        except Exception as error:  # the last frame: everything becomes one line
+            _stop_progress(session)
+            if session.debug:
+                traceback.print_exc()
+            line, code = explain(error)
+            console.note(f"error: {line}")
+    if session.as_json:
+        failure = {"error": line, "exit_code": code}
+        typer.echo(to_json(failure if code else session._answer or {}))
+    if code:
+        raise typer.Exit(code)
+
+
+def _stop_progress(session: Session) -> None:
+    if "progress" in session.__dict__:
+        session.progress.stop()
+
+
+def check_device(device: str) -> None:
+    """Refuse a device that is not there.
+
+    Raises:
+        UserError: Neither `cpu` nor `cuda`, or `cuda` without a CUDA device or MuJoCo Warp.
+    """
+    if device not in ("cpu", "cuda"):
+        raise UserError(f"--device {device}: use cpu or cuda")
+    if device == "cpu":
+        return
+    from importlib.util import find_spec
+
+    import torch
+
+    if not torch.cuda.is_available():
+        raise UserError("--device cuda: torch finds no CUDA device; use --device cpu")
+    if find_spec("mujoco_warp") is None:
+        raise UserError("--device cuda: MuJoCo Warp is missing; pip install 'lacoloco[gpu]'")
+
+
+def to_json(value: Any) -> str:  # noqa: ANN401
+    """Write one JSON object on one line; numbers that JSON lacks (NaN, inf) become null."""
+    return json.dumps(_plain(value), allow_nan=False)
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):  # numpy and torch, scalars and arrays
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    return str(value)
+
+
+@contextmanager
+def _stdout_kept_clean(active: bool) -> Iterator[None]:
+    """Send stdout to stderr, also what C code prints, while `active`."""
+    if not active:
+        yield
+        return
+    real = sys.stdout
+    real.flush()
+    saved = os.dup(1) if _is_descriptor_one(real) else None
+    if saved is not None:
+        os.dup2(2, 1)
+    sys.stdout = sys.stderr
+    try:
+        yield
+    finally:
+        sys.stdout = real
+        if saved is not None:
+            os.dup2(saved, 1)
+            os.close(saved)
+
+
+def _is_descriptor_one(stream: Any) -> bool:  # noqa: ANN401
+    try:
+        return stream.fileno() == 1
+    except (OSError, ValueError, AttributeError):  # a test's or a notebook's stand-in
+        return False
+
+
+def path_text(path: Path) -> str:
+    """Write a path relative to the working directory when it lies below it."""
+    return os.path.relpath(path) if path.resolve().is_relative_to(Path.cwd()) else str(path)
