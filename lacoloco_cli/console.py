@@ -12,6 +12,7 @@ import typer
 
 if TYPE_CHECKING:
     import rich.progress
+
     from lacoloco.pipelines.stage import Progress
 
 Clock = Callable[[], float]
@@ -193,7 +194,7 @@ def print_table(
     console.print(table)
 
 
-def cell_text(value: Any) -> str:  # noqa: ANN401
+def cell_text(value: Any) -> str:
     """Write one value the way a person reads it."""
     if value is None:
         return "-"
@@ -224,5 +225,5 @@ def duration_text(seconds: float) -> str:
     return f"{whole // 3600}h{whole % 3600 // 60:02d}m"
 
 
-def _is_number(value: Any) -> bool:  # noqa: ANN401
+def _is_number(value: Any) -> bool:
     return value is None or (isinstance(value, (int, float)) and not isinstance(value, bool))

@@ -33,7 +33,7 @@ VERBS = {
 class FrontDoor(typer.core.TyperGroup):
     """A group that knows its verbs by name and help, and imports one only to call it."""
 
-    def __init__(self, **attributes: Any) -> None:  # noqa: ANN401  typer's own
+    def __init__(self, **attributes: Any) -> None:
         """List the verbs without importing them."""
         super().__init__(**attributes)
         for name, (_, help_line) in VERBS.items():
@@ -48,7 +48,7 @@ class FrontDoor(typer.core.TyperGroup):
             command.name = name
         return name, command, rest
 
-    def main(self, args: Sequence[str] | None = None, **extra: Any) -> NoReturn:  # noqa: ANN401
+    def main(self, args: Sequence[str] | None = None, **extra: Any) -> NoReturn:
         """Run, and end a mistake in the command line itself with one line and exit code 2."""
         arguments = list(sys.argv[1:] if args is None else args)
         extra |= {"standalone_mode": False, "obj": {"arguments": arguments}}

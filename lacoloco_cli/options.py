@@ -11,7 +11,7 @@ import typer
 _PANEL = "Shared options"
 
 
-def _option(*names: str, help: str, **extra: Any) -> Any:  # noqa: ANN401  typer's own type
+def _option(*names: str, help: str, **extra: Any) -> Any:
     return typer.Option(*names, help=help, rich_help_panel=_PANEL, **extra)
 
 
@@ -45,7 +45,7 @@ Seeds = Annotated[
 ]
 
 
-def _parameter(name: str, annotation: Any, default: Any) -> Parameter:  # noqa: ANN401
+def _parameter(name: str, annotation: Any, default: Any) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 

@@ -43,7 +43,7 @@ def apply_overrides(config: Config, assignments: Sequence[str]) -> Config:
     return config
 
 
-def field_paths(config: Any) -> Iterator[str]:  # noqa: ANN401  any dataclass
+def field_paths(config: Any) -> Iterator[str]:
     """Yield the dotted path of every field that `--set` can change."""
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)
@@ -53,7 +53,7 @@ def field_paths(config: Any) -> Iterator[str]:  # noqa: ANN401  any dataclass
             yield field.name
 
 
-def _replaced(config: Any, keys: list[str], text: str, root: Any, path: str) -> Any:  # noqa: ANN401
+def _replaced(config: Any, keys: list[str], text: str, root: Any, path: str) -> Any:
     name, *rest = keys
     if name not in {field.name for field in dataclasses.fields(config)}:
         raise OverrideError(_unknown(config, name, root, path))
@@ -75,7 +75,7 @@ def _replaced(config: Any, keys: list[str], text: str, root: Any, path: str) -> 
         raise OverrideError(f"--set {path}={text}: {error}") from error
 
 
-def _unknown(config: Any, name: str, root: Any, path: str) -> str:  # noqa: ANN401
+def _unknown(config: Any, name: str, root: Any, path: str) -> str:
     """Name the nearest key: by whole path first, then by the field's own name anywhere."""
     paths = list(field_paths(root))
     near = difflib.get_close_matches(path, paths, n=1, cutoff=0.75)
@@ -88,7 +88,7 @@ def _unknown(config: Any, name: str, root: Any, path: str) -> str:  # noqa: ANN4
     return f"--set {path}: no key {name!r}; {hint}keys here: {here}"
 
 
-def _parsed(text: str, hint: Any, path: str) -> Any:  # noqa: ANN401  any annotation
+def _parsed(text: str, hint: Any, path: str) -> Any:
     """Read a value by its annotation."""
     origin = get_origin(hint)
     if origin in (Union, types.UnionType):
@@ -111,7 +111,7 @@ def _parsed(text: str, hint: Any, path: str) -> Any:  # noqa: ANN401  any annota
     raise OverrideError(f"--set {path}: a field of type {_name(hint)} cannot be set here")
 
 
-def _parsed_union(text: str, hint: Any, path: str) -> Any:  # noqa: ANN401
+def _parsed_union(text: str, hint: Any, path: str) -> Any:
     arms = get_args(hint)
     if type(None) in arms and text.lower() in _NONE:
         return None
@@ -152,5 +152,5 @@ def _wrong(path: str, text: str, expected: str) -> OverrideError:
     return OverrideError(f"--set {path}: expected {expected}, got {text!r}")
 
 
-def _name(hint: Any) -> str:  # noqa: ANN401
+def _name(hint: Any) -> str:
     return hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "")

@@ -152,7 +152,7 @@ def verb(
         common = [p.replace(default=preset) if preset and p.name == "preset" else p for p in shared]
         names = {parameter.name for parameter in shared}
 
-        def command(ctx: typer.Context, **values: Any) -> None:  # noqa: ANN401
+        def command(ctx: typer.Context, **values: Any) -> None:
             given = {key: values.pop(key) for key in names}
             given["overrides"] = given.get("overrides") or ()
             arguments = (ctx.obj or {}).get("arguments") or ctx.command_path.split()[1:]
@@ -182,8 +182,10 @@ def guarded(session: Session) -> Iterator[None]:
     with _stdout_kept_clean(session.as_json):
         try:
             yield
-        except (typer.Exit, BrokenPipeError):
+        except BrokenPipeError:
             raise
+        except typer.Exit as error:  # the body gave its answer and chose its exit code
+            code = error.exit_code
         except (KeyboardInterrupt, typer.Abort):
             _stop_progress(session)
             code, line = INTERRUPTED, "interrupted"
@@ -198,7 +200,7 @@ def guarded(session: Session) -> Iterator[None]:
             console.note(f"error: {line}")
     if session.as_json:
         failure = {"error": line, "exit_code": code}
-        typer.echo(to_json(failure if code else session._answer or {}))
+        typer.echo(to_json(failure if line else session._answer or {}))
     if code:
         raise typer.Exit(code)
 
@@ -228,12 +230,12 @@ def check_device(device: str) -> None:
         raise UserError("--device cuda: MuJoCo Warp is missing; pip install 'lacoloco[gpu]'")
 
 
-def to_json(value: Any) -> str:  # noqa: ANN401
+def to_json(value: Any) -> str:
     """Write one JSON object on one line; numbers that JSON lacks (NaN, inf) become null."""
     return json.dumps(_plain(value), allow_nan=False)
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401
+def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -268,7 +270,7 @@ def _stdout_kept_clean(active: bool) -> Iterator[None]:
             os.close(saved)
 
 
-def _is_descriptor_one(stream: Any) -> bool:  # noqa: ANN401
+def _is_descriptor_one(stream: Any) -> bool:
     try:
         return stream.fileno() == 1
     except (OSError, ValueError, AttributeError):  # a test's or a notebook's stand-in
