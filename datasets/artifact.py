@@ -1,0 +1,236 @@
+"""One HDF5 envelope for everything a stage makes: arrays, configuration, provenance, hash.
+
+Nothing in it is ever executed or unpickled. The root attributes are the header (text as UTF-8
+bytes, structured values as JSON), the arrays lie below the group `arrays`, contiguous and
+unfiltered. `content_hash` covers header and arrays and is verified on every read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lacoloco.datasets import provenance
+from lacoloco.datasets.atomic_write import write_file
+from lacoloco.datasets.envelope import DAMAGED, NUMBERS, RawHeader, pack, unpack
+from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.hashing import hash_arrays, hash_content
+from lacoloco.datasets.provenance import Parent
+
+SCHEMAS: dict[str, int] = {
+    "lacoloco/motions": 1,
+    "lacoloco/policy": 1,
+    "lacoloco/checkpoint": 1,
+    "lacoloco/evaluation": 1,
+    "lacoloco/export": 1,
+    "lacoloco/playback": 1,
+    "lacoloco/experts": 1,
+}
+
+
+@dataclass(frozen=True)
+class Header:
+    """What an artifact says about itself."""
+
+    path: Path
+    schema: str
+    schema_version: int
+    metadata: dict[str, Any]
+    config: dict[str, Any]
+    seed: int | None
+    robot: str
+    """Name of the robot the data belongs to, "" when it belongs to none."""
+    robot_hash: str
+    parents: tuple[Parent, ...]
+    created: str
+    command: str
+    git_commit: str
+    lacoloco_version: str
+    content_hash: str
+
+
+@dataclass(frozen=True)
+class Artifact(Header):
+    """A verified artifact, read completely."""
+
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    data_hash: str = ""
+    """Hash of the arrays alone: equal for two runs that computed the same numbers."""
+
+
+def write_artifact(
+    path: Path,
+    schema: str,
+    arrays: Mapping[str, np.ndarray],
+    *,
+    metadata: Mapping[str, Any],
+    config: Mapping[str, Any],
+    seed: int | None,
+    robot: tuple[str, str] | None,
+    parents: Sequence[Path] = (),
+    command: str = "",
+    replace: bool = False,
+) -> Path:
+    """Write an artifact in one step: a killed writer leaves no half file.
+
+    Args:
+        path: file to make; an existing one is refused.
+        schema: a key of `SCHEMAS`.
+        arrays: numeric arrays by name; a "/" in a name makes a group.
+        metadata: what a reader needs besides the arrays; JSON values, dataclasses, paths, NumPy
+            scalars.
+        config: the resolved configuration of the stage.
+        seed: seed of the stage, if it has one.
+        robot: name and model hash of the robot, if the data belongs to one.
+        parents: the files it was made of, artifacts or not.
+        command: the command line.
+        replace: replace an existing file (checkpoints of a running stage only).
+
+    Returns:
+        `path`.
+
+    Raises:
+        ArtifactError: the name is taken, a parent is missing, or the file system refuses.
+        TypeError: an array or a value of a kind that artifacts do not hold.
+    """
+    checked = {name: _numeric(name, array) for name, array in arrays.items()}
+    header: RawHeader = {
+        "schema": schema.encode(),
+        "schema_version": SCHEMAS[schema],
+        "lacoloco_version": provenance.lacoloco_version().encode(),
+        "git_commit": provenance.git_commit().encode(),
+        "created": provenance.timestamp().encode(),
+        "command": command.encode(),
+        "metadata": _to_json(metadata),
+        "config": _to_json(config),
+        "parents": _to_json(provenance.describe_parents(path, parents)),
+    }
+    if seed is not None:
+        header["seed"] = int(seed)
+    if robot is not None:
+        header["robot"], header["robot_hash"] = robot[0].encode(), robot[1].encode()
+    header = {name: value for name, value in header.items() if value != b""}
+    header["content_hash"] = hash_content(header, hash_arrays(checked)).encode()
+    return write_file(path, pack(header, checked), replace=replace)
+
+
+def read_artifact(path: Path, schema: str | None = None, *, robot: str | None = None) -> Artifact:
+    """Read an artifact completely and verify its content hash.
+
+    Args:
+        path: file to read.
+        schema: the schema it must have; None takes any that this version knows.
+        robot: the robot it must belong to; None takes any.
+
+    Raises:
+        ArtifactError: missing, not an artifact, cut short, altered, of another schema or schema
+            version, or of another robot; the message names the file and what to do.
+    """
+    path = Path(path)
+    raw, arrays = unpack(path)
+    header = _parse_header(path, raw)
+    _check_schema(header, schema)
+    data_hash = hash_arrays(arrays)
+    stored = raw.pop("content_hash", b"")
+    if hash_content(raw, data_hash).encode() != stored:
+        raise ArtifactError(f"{path}: its content does not match its hash: {DAMAGED}")
+    if robot is not None and header.robot != robot:
+        belongs = f"robot '{header.robot}'" if header.robot else "no robot"
+        raise ArtifactError(
+            f"{path}: belongs to {belongs}, not to '{robot}'; name another run or another --robot"
+        )
+    fields = {f.name: getattr(header, f.name) for f in dataclasses.fields(Header)}
+    return Artifact(**fields, arrays=arrays, data_hash=data_hash)
+
+
+def read_header(path: Path) -> Header:
+    """Read what an artifact says about itself, without its arrays and without verifying them.
+
+    Raises:
+        ArtifactError: missing, not an artifact, or its header cannot be read.
+    """
+    path = Path(path)
+    return _parse_header(path, unpack(path, with_arrays=False)[0])
+
+
+def _numeric(name: str, array: np.ndarray) -> np.ndarray:
+    array = np.asarray(array, order="C")
+    if array.dtype.kind not in NUMBERS:
+        raise TypeError(f"array '{name}' has type {array.dtype}; artifacts hold numbers only")
+    return array
+
+
+def _to_json(value: object) -> bytes:
+    return json.dumps(value, default=_plain).encode()
+
+
+def _plain(value: object) -> object:
+    """JSON form of the values that configurations and metadata hold besides plain ones."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"artifacts hold no {type(value).__name__} ({value!r}) in config or metadata")
+
+
+def _parse_header(path: Path, raw: RawHeader) -> Header:
+    if "schema" not in raw or "schema_version" not in raw:
+        raise ArtifactError(f"{path}: an HDF5 file, but no lacoloco artifact")
+    try:
+        text = {name: value.decode() for name, value in raw.items() if isinstance(value, bytes)}
+        seed = raw.get("seed")
+        return Header(
+            path=path,
+            schema=text["schema"],
+            schema_version=int(raw["schema_version"]),
+            metadata=dict(json.loads(text["metadata"])),
+            config=dict(json.loads(text["config"])),
+            seed=None if seed is None else int(seed),
+            robot=text.get("robot", ""),
+            robot_hash=text.get("robot_hash", ""),
+            parents=tuple(Parent(**parent) for parent in json.loads(text["parents"])),
+            created=text["created"],
+            command=text.get("command", ""),
+            git_commit=text.get("git_commit", ""),
+            lacoloco_version=text["lacoloco_version"],
+            content_hash=text["content_hash"],
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise ArtifactError(f"{path}: its header is {DAMAGED}") from error
+
+
+def _check_schema(header: Header, expected: str | None) -> None:
+    path, schema = header.path, header.schema
+    if expected is not None and schema != expected:
+        raise ArtifactError(f"{path}: holds '{schema}', but '{expected}' is needed here")
+    known = SCHEMAS.get(schema)
+    here = provenance.lacoloco_version()
+    written = f"written by lacoloco {header.lacoloco_version}"
+    if known is None:
+        raise ArtifactError(
+            f"{path}: schema '{schema}', {written}, is unknown to lacoloco {here}; upgrade"
+            " lacoloco, or the file is damaged"
+        )
+    if header.schema_version > known:
+        raise ArtifactError(
+            f"{path}: '{schema}' version {header.schema_version}, {written}; lacoloco {here} reads"
+            f" version {known}: upgrade lacoloco"
+        )
+    if header.schema_version < known:
+        raise ArtifactError(
+            f"{path}: '{schema}' version {header.schema_version}, {written}; lacoloco {here} reads"
+            f" version {known} and converts none: run the stage again, or install lacoloco"
+            f" {header.lacoloco_version} to read it"
+        )
