@@ -24,7 +24,9 @@ def colliding_geoms(model: mujoco.MjModel, bodies: Sequence[str]) -> list[int]:
         try:
             body = model.body(name)
         except KeyError:
-            raise RobotError(f"body {name!r} is not in the MJCF; fix the spec or the file") from None
+            raise RobotError(
+                f"body {name!r} is not in the MJCF; fix the spec or the file"
+            ) from None
         first, count = int(body.geomadr[0]), int(body.geomnum[0])
         own = [
             g
@@ -60,9 +62,7 @@ def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float
     return float(data.geom_xpos[geom, 2] - extent)
 
 
-def standing_height(
-    model: mujoco.MjModel, joint_pos: np.ndarray, feet: Sequence[str]
-) -> float:
+def standing_height(model: mujoco.MjModel, joint_pos: np.ndarray, feet: Sequence[str]) -> float:
     """Base height that puts the lowest point of the feet on the floor, base upright, m.
 
     Args:

@@ -6,10 +6,11 @@ import difflib
 from collections.abc import Callable
 
 from lacoloco.robots.errors import RobotError
+from lacoloco.robots.h1 import h1
 from lacoloco.robots.solo12 import solo12
 from lacoloco.robots.spec import RobotSpec
 
-ROBOTS: dict[str, Callable[[], RobotSpec]] = {"solo12": solo12}
+ROBOTS: dict[str, Callable[[], RobotSpec]] = {"solo12": solo12, "h1": h1}
 
 
 def robot_names() -> tuple[str, ...]:

@@ -91,9 +91,7 @@ class RobotSpec:
     @property
     def contact_bodies(self) -> tuple[str, ...]:
         """Bodies with a ``force_<body>`` sensor: feet, fall bodies, undesired ones, in order."""
-        return tuple(
-            dict.fromkeys((*self.feet, *self.fall_bodies, *self.undesired_contact_bodies))
-        )
+        return tuple(dict.fromkeys((*self.feet, *self.fall_bodies, *self.undesired_contact_bodies)))
 
     def model(self) -> mujoco.MjModel:
         """The bare robot in MuJoCo: no floor, no actuators. Shared: read it, do not write to it.
