@@ -69,6 +69,8 @@ def _set_solver(spec: mujoco.MjSpec, timestep: float) -> None:
     option.iterations = SOLVER_ITERATIONS
     option.ls_iterations = LINESEARCH_ITERATIONS
     option.tolerance = SOLVER_TOLERANCE
+    # one robot per world is one island: looking for more costs 5 %
+    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 
 
 def _add_floor(spec: mujoco.MjSpec) -> None:
@@ -82,7 +84,11 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
         rgba=[0.78, 0.8, 0.82, 1],
     )
     spec.worldbody.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 4], dir=[0.3, 0.4, -1]
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        dir=[0.3, 0.4, -1],
+        diffuse=[0.5, 0.5, 0.5],
+        specular=[0.1, 0.1, 0.1],
+        castshadow=False,
     )
 
 
