@@ -14,7 +14,7 @@ from pathlib import Path
 
 from lacoloco.datasets.hashing import hash_file
 
-_VERSION_DIRECTORY = re.compile(r"\.?\d{4}(-[\w.-]+)?(\.partial)?")
+_VERSION_DIRECTORY = re.compile(r"\.?\d{4,}(-[\w.+-]+)?(\.partial)?")
 
 
 @dataclass(frozen=True)

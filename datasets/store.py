@@ -1,0 +1,234 @@
+"""Run directories: runs/<run>/<stage>/<version>/artifact.h5, each version complete or hidden.
+
+A stage works in the hidden directory `.<version>[-<label>].partial`, which takes its final name in
+one step when the artifact is there. What a killed stage leaves is only ever a partial directory;
+it can be resumed, and no reader sees it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+from dataclasses import dataclass
+from io import BufferedWriter
+from pathlib import Path
+
+from lacoloco.datasets.atomic_write import remove_leftovers, sync_directory, write_file
+from lacoloco.datasets.errors import ArtifactError, storage_errors
+
+ARTIFACT = "artifact.h5"
+
+_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}")
+_COMPLETE = re.compile(r"(\d{4,})")
+_PARTIAL = re.compile(r"\.(\d{4,})(?:-(.+))?\.partial")
+_LAST = ".last"
+_LOCK = ".lock"
+
+
+@dataclass
+class StageDir:
+    """The working directory of one version of a stage, until `complete` gives it its name."""
+
+    path: Path
+    """The partial directory: checkpoints, metrics, events and the artifact go here."""
+    final: Path
+    """The directory it becomes."""
+    label: str
+    """What tells versions of one stage apart while they are worked on, e.g. method and seed."""
+    _lock: BufferedWriter | None = None
+
+    def file(self, name: str) -> Path:
+        """Path of a file in the partial directory."""
+        return self.path / name
+
+    def complete(self) -> Path:
+        """Give the directory its final name in one step; nothing in it changes from then on.
+
+        Returns:
+            Path of the artifact in its final place.
+
+        Raises:
+            ArtifactError: the file system refuses; the partial directory stays as it is.
+            RuntimeError: the stage has not written its artifact.
+        """
+        if not self.file(ARTIFACT).is_file():
+            raise RuntimeError(f"{self.path}: completed without an {ARTIFACT}")
+        with storage_errors(self.final, "complete the stage"):
+            if self.final.exists():  # POSIX would replace an empty directory without a word
+                raise ArtifactError(f"{self.final}: exists already; move it away and --resume")
+            remove_leftovers(self.path)
+            self.file(_LOCK).unlink(missing_ok=True)
+            sync_directory(self.path)
+            self.path.rename(self.final)
+            sync_directory(self.final.parent)
+        self.path = self.final
+        return self.file(ARTIFACT)
+
+    def discard(self) -> None:
+        """Delete the partial directory and all that is in it.
+
+        Raises:
+            ArtifactError: the stage is complete, or the file system refuses.
+        """
+        if self.path == self.final:
+            raise ArtifactError(f"{self.final}: is complete and stays")
+        with storage_errors(self.path, "delete"):
+            shutil.rmtree(self.path)
+
+    def claim(self) -> bool:
+        """Take the directory for this process; False while another process works in it."""
+        with storage_errors(self.path, "write in the run directory"):
+            lock = self.file(_LOCK).open("wb")
+            try:  # A record lock ends with its process, however that ends.
+                fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                lock.close()
+                return False
+            self._lock = lock
+            remove_leftovers(self.path)
+        return True
+
+
+class RunStore:
+    """All runs below one directory."""
+
+    def __init__(self, root: Path | None = None) -> None:
+        """Name the directory; nothing is made or read yet.
+
+        Args:
+            root: the runs directory; default `$LACOLOCO_RUNS`, else `runs` in the working
+                directory.
+        """
+        self.root = Path(root or os.environ.get("LACOLOCO_RUNS") or "runs")
+
+    def last_run(self) -> str | None:
+        """Name of the run used last, None in a fresh directory."""
+        try:
+            name = (self.root / _LAST).read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError):
+            return None
+        return name if _NAME.fullmatch(name) else None
+
+    def use(self, run: str) -> None:
+        """Remember `run` as the one used last.
+
+        Raises:
+            ArtifactError: the name cannot be a directory name, or the file system refuses.
+        """
+        self.directory(run)
+        write_file(self.root / _LAST, f"{run}\n".encode(), replace=True)
+
+    def directory(self, run: str, stage: str = "") -> Path:
+        """Directory of a run, or of a stage in it, existing or not.
+
+        Raises:
+            ArtifactError: a name that cannot be a directory name.
+        """
+        for what, name in (("run", run), ("stage", stage or "x")):
+            if not _NAME.fullmatch(name):
+                raise ArtifactError(
+                    f"{what} '{name}': use letters, digits, '-', '_', '+', '.', a letter or digit"
+                    " first, at most 100"
+                )
+        return self.root / run / stage
+
+    def runs(self) -> list[str]:
+        """Names of all runs, sorted.
+
+        Raises:
+            ArtifactError: the directory cannot be read.
+        """
+        return [p.name for p in _list(self.root) if p.is_dir() and _NAME.fullmatch(p.name)]
+
+    def stages(self, run: str) -> list[str]:
+        """Stages of a run that have been begun at least once, sorted."""
+        directory = self.directory(run)
+        return [p.name for p in _list(directory) if p.is_dir() and _NAME.fullmatch(p.name)]
+
+    def all(self, run: str, stage: str) -> list[Path]:
+        """Artifacts of all complete versions of a stage, oldest first."""
+        versions = [p for p in _list(self.directory(run, stage)) if _COMPLETE.fullmatch(p.name)]
+        versions.sort(key=lambda p: int(p.name))
+        return [p / ARTIFACT for p in versions if (p / ARTIFACT).is_file()]
+
+    def newest(self, run: str, stage: str) -> Path:
+        """Artifact of the newest complete version of a stage.
+
+        Raises:
+            ArtifactError: there is none; the message names the verb that makes it.
+        """
+        complete = self.all(run, stage)
+        if complete:
+            return complete[-1]
+        command = f"lacoloco {stage} --run {run}"
+        if self.partials(run, stage):
+            hint = f"an unfinished one is there; continue it with `{command} --resume`"
+        elif (self.root / run).is_dir():
+            hint = f"make it with `{command}`"
+        else:
+            known = ", ".join(self.runs()) or "none yet"
+            hint = f"make it with `{command}`, or name another run with --run (known: {known})"
+        raise ArtifactError(f"run '{run}' has no {stage} artifact in {self.root}: {hint}")
+
+    def partials(self, run: str, stage: str, label: str = "") -> list[StageDir]:
+        """Unfinished versions of a stage, oldest first; with a label only those that carry it."""
+        found = []
+        for path in _list(self.directory(run, stage)):
+            match = _PARTIAL.fullmatch(path.name)
+            if match and path.is_dir() and label in ("", match[2]):
+                found.append(StageDir(path, path.with_name(match[1]), match[2] or ""))
+        return sorted(found, key=lambda stage_dir: int(stage_dir.final.name))
+
+    def begin(self, run: str, stage: str, *, resume: bool = False, label: str = "") -> StageDir:
+        """Open a working directory for a stage.
+
+        Args:
+            run: name of the run, made when it is new.
+            stage: name of the stage, that is, of its verb.
+            resume: continue the newest unfinished version instead of beginning one.
+            label: marks the version while it is unfinished; with `resume`, the one to continue
+                ("" takes any).
+
+        Raises:
+            ArtifactError: nothing to resume, another process is at work on it, or the file
+                system refuses.
+        """
+        if label and not _NAME.fullmatch(label):
+            raise ArtifactError(f"label '{label}': use letters, digits, '-', '_', '+', '.'")
+        return self._resume(run, stage, label) if resume else self._begin(run, stage, label)
+
+    def _begin(self, run: str, stage: str, label: str) -> StageDir:
+        directory = self.directory(run, stage)
+        while True:
+            taken = [0, *(int(s.final.name) for s in self.partials(run, stage))]
+            taken += [int(p.name) for p in _list(directory) if _COMPLETE.fullmatch(p.name)]
+            final = directory / f"{max(taken) + 1:04d}"
+            path = directory / f".{final.name}{f'-{label}' if label else ''}.partial"
+            with storage_errors(path, "create the run directory"):
+                directory.mkdir(parents=True, exist_ok=True)
+                try:
+                    path.mkdir()
+                except FileExistsError:  # another process took the number first
+                    continue
+            stage_dir = StageDir(path, final, label)
+            stage_dir.claim()
+            return stage_dir
+
+    def _resume(self, run: str, stage: str, label: str) -> StageDir:
+        found = self.partials(run, stage, label)
+        if not found:
+            what = f"'{label}' of {stage}" if label else stage
+            raise ArtifactError(
+                f"run '{run}': no unfinished {what} to resume in {self.root}; leave out --resume"
+            )
+        for stage_dir in reversed(found):
+            if stage_dir.claim():
+                return stage_dir
+        raise ArtifactError(f"{found[-1].path}: another process is working on it; stop it or wait")
+
+
+def _list(directory: Path) -> list[Path]:
+    with storage_errors(directory, "read"):
+        return sorted(directory.iterdir()) if directory.is_dir() else []

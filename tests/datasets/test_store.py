@@ -1,0 +1,214 @@
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from lacoloco.datasets.artifact import read_artifact, write_artifact
+from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.lineage import lineage
+from lacoloco.datasets.store import RunStore
+
+
+@pytest.fixture
+def store(tmp_path):
+    return RunStore(tmp_path / "runs")
+
+
+def write(path, value=0, parents=()):
+    return write_artifact(
+        path,
+        "lacoloco/motions",
+        {"a": np.array([value])},
+        metadata={},
+        config={},
+        seed=0,
+        robot=None,
+        parents=parents,
+    )
+
+
+def finish(store, run="dog", stage="retarget", value=0, parents=()):
+    stage_dir = store.begin(run, stage)
+    write(stage_dir.file("artifact.h5"), value, parents)
+    return stage_dir.complete()
+
+
+def test_versions_count_up_and_newest_is_the_last_complete_one(store):
+    first, second = finish(store), finish(store, value=1)
+    store.begin("dog", "retarget")
+    assert first == store.root / "dog/retarget/0001/artifact.h5"
+    assert second == store.root / "dog/retarget/0002/artifact.h5"
+    assert store.all("dog", "retarget") == [first, second]
+    assert store.newest("dog", "retarget") == second
+    assert (store.runs(), store.stages("dog")) == (["dog"], ["retarget"])
+
+
+def test_ten_thousand_versions_sort_as_numbers(store):
+    for number in (9999, 10000):
+        folder = store.root / "dog/retarget" / str(number)
+        write(folder / "artifact.h5")
+    assert store.newest("dog", "retarget").parent.name == "10000"
+    assert store.begin("dog", "retarget").final.name == "10001"
+
+
+def test_nothing_is_visible_before_completion(store):
+    stage_dir = store.begin("dog", "retarget")
+    write(stage_dir.file("artifact.h5"))
+    assert store.all("dog", "retarget") == []
+    with pytest.raises(ArtifactError, match="retarget --run dog --resume"):
+        store.newest("dog", "retarget")
+    stage_dir.complete()
+    assert sorted(p.name for p in (store.root / "dog/retarget/0001").iterdir()) == ["artifact.h5"]
+    assert [p.name for p in (store.root / "dog/retarget").iterdir()] == ["0001"]
+
+
+def test_completing_without_an_artifact_is_our_bug(store):
+    with pytest.raises(RuntimeError, match="without an artifact.h5"):
+        store.begin("dog", "retarget").complete()
+
+
+def test_completing_never_replaces(store):
+    stage_dir = store.begin("dog", "retarget")
+    write(stage_dir.file("artifact.h5"))
+    stage_dir.final.mkdir()
+    with pytest.raises(ArtifactError, match="exists already"):
+        stage_dir.complete()
+    assert stage_dir.file("artifact.h5").is_file()
+
+
+def test_resume_continues_the_newest_partial_of_that_label(store):
+    one = store.begin("dog", "train-low", label="gan-seed0")
+    one.file("checkpoint.h5").write_text("x")
+    two = store.begin("dog", "train-low", label="drail-seed0")
+    assert (one.final.name, two.final.name) == ("0001", "0002")
+    assert store.begin("dog", "train-low", resume=True).path == two.path
+    again = store.begin("dog", "train-low", resume=True, label="gan-seed0")
+    assert (again.path, again.final, again.label) == (one.path, one.final, "gan-seed0")
+    assert again.file("checkpoint.h5").read_text() == "x"
+    for options in ({"label": "other"}, {}):
+        stage = "train-low" if options else "eval"
+        with pytest.raises(ArtifactError, match="leave out --resume"):
+            store.begin("dog", stage, resume=True, **options)
+
+
+def test_a_partial_that_another_process_works_on_is_not_resumed(store):
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom lacoloco.datasets.store import RunStore\n"
+        "stage = RunStore(Path(sys.argv[1])).begin('dog', 'train-low')\n"
+        "print('ready', flush=True)\nsys.stdin.read()\n"
+    )
+    other = subprocess.Popen(
+        [sys.executable, "-c", code, str(store.root)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert other.stdout.readline() == "ready\n"
+    with pytest.raises(ArtifactError, match="another process"):
+        store.begin("dog", "train-low", resume=True)
+    other.kill()
+    other.communicate()
+    assert store.begin("dog", "train-low", resume=True).final.name == "0001"
+
+
+def test_leftovers_of_a_killed_writer_are_removed_on_resume(store):
+    stage_dir = store.begin("dog", "train-low")
+    stage_dir.file(".writing-123-checkpoint.h5").write_text("half")
+    stage_dir.file("checkpoint.h5").write_text("whole")
+    resumed = store.begin("dog", "train-low", resume=True)
+    names = {p.name for p in resumed.path.iterdir()}
+    assert "checkpoint.h5" in names
+    assert not any(name.startswith(".writing") for name in names)
+
+
+def test_discard_deletes_partials_only(store):
+    stage_dir = store.begin("dog", "retarget")
+    stage_dir.discard()
+    assert store.partials("dog", "retarget") == []
+    complete = store.begin("dog", "retarget")
+    write(complete.file("artifact.h5"))
+    complete.complete()
+    with pytest.raises(ArtifactError, match="stays"):
+        complete.discard()
+
+
+def test_missing_artifacts_name_the_verb(store):
+    with pytest.raises(ArtifactError, match="lacoloco retarget --run dog.*known: none yet"):
+        store.newest("dog", "retarget")
+    finish(store)
+    with pytest.raises(ArtifactError, match="lacoloco train-low --run dog`$"):
+        store.newest("dog", "train-low")
+    with pytest.raises(ArtifactError, match="known: dog"):
+        store.newest("cat", "train-low")
+
+
+def test_last_run(store):
+    assert store.last_run() is None
+    store.use("dog")
+    store.use("cat-2")
+    assert RunStore(store.root).last_run() == "cat-2"
+    (store.root / ".last").write_bytes(b"\xff\x00../../etc")
+    assert store.last_run() is None
+
+
+@pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden", "a b", "x" * 101, "-dash"])
+def test_names_that_are_no_directory_names(store, name):
+    for call in (store.use, lambda n: store.begin(n, "retarget"), store.stages):
+        with pytest.raises(ArtifactError, match="run '"):
+            call(name)
+
+
+def test_root_comes_from_the_environment(monkeypatch, tmp_path):
+    monkeypatch.setenv("LACOLOCO_RUNS", str(tmp_path / "elsewhere"))
+    assert RunStore().root == tmp_path / "elsewhere"
+    monkeypatch.delenv("LACOLOCO_RUNS")
+    assert str(RunStore().root) == "runs"
+
+
+def test_read_only_run_directory(read_only_folder):
+    store = RunStore(read_only_folder / "runs")
+    for call in (lambda: store.use("dog"), lambda: store.begin("dog", "retarget")):
+        with pytest.raises(ArtifactError, match="permission denied") as caught:
+            call()
+        assert "\n" not in str(caught.value)
+
+
+def test_runs_directory_that_is_a_file(tmp_path):
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(ArtifactError, match="cannot create the run directory"):
+        RunStore(tmp_path / "runs").begin("dog", "retarget")
+
+
+def test_lineage_goes_back_to_the_source_file_also_after_moving_the_runs(store, tmp_path):
+    mocap = tmp_path / "dog.bvh"
+    mocap.write_text("HIERARCHY")
+    clips = finish(store, parents=[mocap])
+    low = finish(store, stage="train-low", value=1, parents=[clips])
+    finish(store, stage="eval", value=2, parents=[low, clips])
+    os.rename(store.root, tmp_path / "moved")
+    found = lineage(tmp_path / "moved/dog/eval/0001/artifact.h5")
+    shape = [(a.depth, a.path.parts[-3] if a.header else a.path.name, a.state) for a in found]
+    assert shape == [
+        (0, "eval", "ok"),
+        (1, "train-low", "ok"),
+        (2, "retarget", "ok"),
+        (3, "dog.bvh", "ok"),
+        (1, "retarget", "ok"),
+        (2, "dog.bvh", "ok"),
+    ]
+
+
+def test_lineage_tells_what_changed_vanished_or_broke(store, tmp_path):
+    mocap = tmp_path / "dog.bvh"
+    mocap.write_text("HIERARCHY")
+    clips = finish(store, parents=[mocap])
+    low = finish(store, stage="train-low", value=1, parents=[clips])
+    mocap.write_text("other")
+    assert [a.state for a in lineage(low)] == ["ok", "ok", "changed"]
+    mocap.unlink()
+    assert [a.state for a in lineage(low)] == ["ok", "ok", "missing"]
+    clips.write_bytes(clips.read_bytes()[:100])
+    assert [a.state for a in lineage(low)] == ["ok", "damaged"]
+    assert read_artifact(low).arrays["a"][0] == 1
