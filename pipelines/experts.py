@@ -1,0 +1,124 @@
+"""The experts that perform the synthetic motions: one policy per skill, PPO under constraints (paper, "Motion Datasets")."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import torch
+from lacoloco.robots.spec import RobotSpec
+from tensordict import TensorDict
+
+from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
+from lacoloco.pipelines.learn.networks import NetworkConfig
+from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
+from lacoloco.pipelines.policies import Head, Policy
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.state import layout, width
+from lacoloco.pipelines.sim.tasks import TASKS
+
+POLICY = "policy"
+
+
+@dataclass(frozen=True)
+class ExpertConfig:
+    """Training of one expert.
+
+    Attributes:
+        worlds: parallel worlds.
+        samples: control steps in all.
+        reward_scale: factor on the task's reward, so that returns are near 1.
+        ramp: shares of the training between which the constraints rise from nothing to full strength.
+    """
+
+    worlds: int = 512
+    samples: int = 3_000_000
+    reward_scale: float = 5.0
+    ramp: tuple[float, float] = (0.05, 0.6)
+    ppo: PpoConfig = field(default_factory=lambda: PpoConfig(horizon=24, learning_rate=1e-3, max_learning_rate=5e-3))
+    networks: NetworkConfig = field(default_factory=lambda: NetworkConfig(init_std=0.6, learn_std=True))
+
+
+class ExpertTrainer:
+    """PPO + CaT on one task; see :class:`lacoloco.pipelines.training.Trainer`."""
+
+    def __init__(self, spec: RobotSpec, task_name: str, config: ExpertConfig, *, seed: int, device: str) -> None:
+        """Build the environment and the learner."""
+        torch.manual_seed(seed)
+        self.config, self.task = config, TASKS[task_name](spec)
+        self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
+        self.env.stagger()
+        sizes = {POLICY: width(self.env.terms)}
+        self.algorithm = Ppo(sizes, self.env.num_actions, config.worlds, config.ppo, config.networks, device)
+        self.algorithm.warm_up(self._random_observations())
+        self.terminations = SoftTerminations({c.name: c.max_p for c in self.task.constraints})
+        self.head = Head(
+            task_name, sizes, self.env.num_actions, config.networks, layout(self.env.terms), task_name
+        )
+        self.samples_per_iteration = config.worlds * config.ppo.horizon
+
+    @property
+    def iterations(self) -> int:
+        """Iterations that the budget of samples allows."""
+        return max(1, round(self.config.samples / self.samples_per_iteration))
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """One rollout and its update."""
+        env, algorithm = self.env, self.algorithm
+        strength = ramp(progress, *self.config.ramp)
+        falls = reward = delta_sum = 0.0
+        obs = self._observe()
+        for _ in range(self.config.ppo.horizon):
+            step = env.step(algorithm.act(obs))
+            delta = self.terminations(step.violations, strength) if step.violations else None
+            next_obs = self._observe()
+            algorithm.record(step.reward * self.config.reward_scale, step.fell, step.timed_out, next_obs, delta)
+            env.reset(step.done)
+            obs = self._observe() if bool(step.done.any()) else next_obs
+            falls += float(step.fell.sum())
+            reward += float(step.reward.mean())
+            delta_sum += float(delta.mean()) if delta is not None else 0.0
+        algorithm.compute_returns(obs)
+        figures = algorithm.update()
+        steps = self.config.ppo.horizon
+        return figures | self._task_figures() | {
+            "reward": reward / steps,
+            "falls_per_1000_steps": 1000.0 * falls / self.samples_per_iteration,
+            "delta": delta_sum / steps,
+            "std": float(algorithm.actor.distribution.log_std_param.detach().exp().mean()),
+        }
+
+    def policy(self) -> Policy:
+        """The trained actor, deterministic."""
+        return Policy(replace(self.head), self.algorithm.actor.eval())
+
+    def state_dict(self) -> dict[str, Any]:
+        """See :class:`lacoloco.pipelines.training.Trainer`."""
+        return {
+            "algorithm": self.algorithm.save(),
+            "env": self.env.state_dict(),
+            "terminations": self.terminations.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """See :class:`lacoloco.pipelines.training.Trainer`."""
+        self.algorithm.load(state["algorithm"], None, True)
+        self.env.load_state_dict(state["env"])
+        self.terminations.load_state_dict(state["terminations"])
+
+    def _observe(self) -> TensorDict:
+        return TensorDict({POLICY: self.env.observe()}, batch_size=[self.env.num_worlds])
+
+    def _random_observations(self) -> TensorDict:
+        seen = []
+        for _ in range(self.config.ppo.horizon):
+            step = self.env.step(0.3 * torch.randn(self.env.num_worlds, self.env.num_actions, device=self.env.device))
+            self.env.reset(step.done)
+            seen.append(self._observe())
+        return torch.cat(seen)
+
+    def _task_figures(self) -> dict[str, float]:
+        if self.task.name == "walk":
+            error = self.env.state.lin_vel_b[:, :2] - self.env.command[:, :2]
+            return {"velocity_error": float(torch.linalg.vector_norm(error, dim=-1).mean())}
+        return {"target_error": float(self.env.target_error().mean())}

@@ -1,0 +1,184 @@
+"""Adversarial Skill Embeddings: PPO whose rewards come from a discriminator and a skill encoder (paper section III-A)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import torch
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+
+from lacoloco.pipelines.learn.discriminator import TransitionNormalizer, imitation_reward
+from lacoloco.pipelines.learn.drail import DrailConfig, DrailDiscriminator
+from lacoloco.pipelines.learn.encoder import SkillEncoder, cosine, encoder_loss, encoder_reward
+from lacoloco.pipelines.learn.gan import GanConfig, GanDiscriminator
+from lacoloco.pipelines.learn.latents import project
+from lacoloco.pipelines.learn.networks import NetworkConfig
+from lacoloco.pipelines.learn.ppo import EXPLORE, Ppo, PpoConfig
+from lacoloco.pipelines.learn.replay import ReplayBuffer
+
+POLICY, LATENT = "policy", "latent"
+
+
+@dataclass(frozen=True)
+class AseConfig:
+    """The adversarial part.
+
+    Attributes:
+        reward_scale: factor on the whole style reward, so that returns stay near 1 without a value normaliser.
+        imitation_weight: weight of r_D.
+        encoder_weight: weight of r_E relative to r_D: the paper's beta.
+        diversity: weight of the diversity loss.
+        updates: discriminator and encoder steps per iteration.
+        batch: policy transitions per step, half current and half replayed; as many demonstrations again.
+        replay_share: share of every rollout that is remembered.
+    """
+
+    discriminator: str = "drail"
+    gan: GanConfig = field(default_factory=GanConfig)
+    drail: DrailConfig = field(default_factory=DrailConfig)
+    encoder_hidden: tuple[int, ...] = (256, 128)
+    reward_scale: float = 0.1
+    imitation_weight: float = 1.0
+    encoder_weight: float = 0.5
+    reward_ceiling: float = 5.0
+    diversity: float = 0.01
+    updates: int = 8
+    batch: int = 1024
+    learning_rate: float = 3e-4
+    encoder_learning_rate: float = 3e-4
+    replay_capacity: int = 100_000
+    replay_share: float = 0.125
+
+
+class Ase(Ppo):
+    """Low-level training: pi(a | s, z) against demonstrations, with its own optimisers for discriminator and encoder."""
+
+    def __init__(
+        self,
+        sizes: dict[str, int],
+        actions: int,
+        num_worlds: int,
+        demonstrations: Callable[[int], torch.Tensor],
+        *,
+        ppo: PpoConfig,
+        networks: NetworkConfig,
+        ase: AseConfig,
+        seed: int,
+        device: str = "cpu",
+    ) -> None:
+        """Build everything; ``demonstrations(n)`` returns clean transitions (n, 2F), oldest frame first."""
+        super().__init__(sizes, actions, num_worlds, ppo, networks, device)
+        self.ase, self.demonstrations = ase, demonstrations
+        sample = demonstrations(16384)
+        dim = sample.shape[-1]
+        self.normalizer = TransitionNormalizer.fit(sample).to(device)
+        network = {"gan": lambda: GanDiscriminator(dim, ase.gan), "drail": lambda: DrailDiscriminator(dim, ase.drail)}
+        self.discriminator = network[ase.discriminator]().to(device)
+        self.encoder = SkillEncoder(dim, sizes[LATENT], ase.encoder_hidden).to(device)
+        self.discriminator_optimizer = _adam(self.discriminator, ase.learning_rate)
+        self.encoder_optimizer = _adam(self.encoder, ase.encoder_learning_rate)
+        self.replay = ReplayBuffer(ase.replay_capacity, dim, seed=seed + 1, device=device)
+        self.draw = torch.Generator().manual_seed(seed + 2)
+        self.transitions = torch.zeros(ppo.horizon, num_worlds, dim, device=device)
+        self.valid = torch.ones(ppo.horizon, num_worlds, dtype=torch.bool, device=device)
+
+    def record_transition(self, frame: torch.Tensor, next_frame: torch.Tensor, valid: torch.Tensor) -> None:
+        """Keep the style transition (N, F), (N, F) of the step about to be recorded; both frames before any reset."""
+        self.transitions[self.storage.step] = torch.cat((frame, next_frame), dim=-1)
+        self.valid[self.storage.step] = valid
+
+    def compute_returns(self, obs: TensorDict) -> None:
+        """Add the style rewards of the whole rollout in one batch, then compute returns."""
+        self.figures = self._reward_rollout()
+        super().compute_returns(obs)
+
+    def update(self) -> dict[str, float]:
+        """Discriminator and encoder first, on this rollout; then actor and critic."""
+        figures = self.figures | self._update_style()
+        return figures | super().update()
+
+    def auxiliary_loss(self, batch: RolloutStorage.Batch, mean: torch.Tensor) -> torch.Tensor | None:
+        """Diversity: how far the actions move must match how far the latent moves (paper, "Diversity Term").
+
+        The KL of two Gaussians with one fixed std is the squared distance of their means up to a factor; as in the
+        original the mean squared distance itself is compared with D_z = 0.5 (1 - z . z').
+        """
+        if not self.ase.diversity:
+            return None
+        z = batch.observations[LATENT]
+        other = project(torch.randn_like(z))
+        moved = self.actor(TensorDict({POLICY: batch.observations[POLICY], LATENT: other}, batch_size=[len(z)]))
+        distance = 0.5 - 0.5 * (z * other).sum(dim=-1)
+        ratio = (mean - moved).square().mean(dim=-1) / (distance + 1e-5)
+        weight = batch.observations[EXPLORE].squeeze(-1)
+        return self.ase.diversity * ((1.0 - ratio).square() * weight).sum() / weight.sum().clamp_min(1.0)
+
+    def save(self) -> dict[str, object]:
+        """rsl_rl's state plus that of the adversarial part."""
+        return super().save() | {
+            "discriminator": self.discriminator.state_dict(),
+            "encoder": self.encoder.state_dict(),
+            "normalizer": self.normalizer.state_dict(),
+            "discriminator_optimizer": self.discriminator_optimizer.state_dict(),
+            "encoder_optimizer": self.encoder_optimizer.state_dict(),
+            "replay": self.replay.state_dict(),
+            "draw": self.draw.get_state(),
+        }
+
+    def load(self, loaded_dict: dict, load_cfg: dict | None = None, strict: bool = True) -> bool:
+        """Restore :meth:`save`."""
+        self.draw.set_state(loaded_dict["draw"])
+        for name in ("discriminator", "encoder", "normalizer", "discriminator_optimizer", "encoder_optimizer", "replay"):
+            getattr(self, name).load_state_dict(loaded_dict[name])
+        return super().load(loaded_dict, load_cfg, strict)
+
+    @torch.no_grad()
+    def _reward_rollout(self) -> dict[str, float]:
+        flat = self.normalizer(self.transitions.flatten(0, 1))
+        z = self.storage.observations[LATENT].flatten(0, 1)
+        logits = self.discriminator.logits(flat, self.draw)
+        imitation = imitation_reward(logits, self.ase.reward_ceiling)
+        predicted = self.encoder(flat)
+        skill = encoder_reward(predicted, z)
+        style = self.ase.imitation_weight * imitation + self.ase.encoder_weight * skill
+        style = self.ase.reward_scale * style * self.valid.flatten()
+        self.storage.rewards += style.view_as(self.storage.rewards)
+        return {
+            "imitation_reward": float(imitation.mean()),
+            "encoder_reward": float(skill.mean()),
+            "encoder_cosine": float(cosine(predicted, z).mean()),
+        }
+
+    def _update_style(self) -> dict[str, float]:
+        ase, totals = self.ase, {}
+        valid = torch.nonzero(self.valid.flatten()).flatten()
+        agent = self.normalizer(self.transitions.flatten(0, 1)[valid])
+        z = self.storage.observations[LATENT].flatten(0, 1)[valid]
+        kept = torch.randperm(len(agent), generator=self.draw)[: int(ase.replay_share * len(agent))]
+        self.replay.add(agent[kept])
+        order = torch.randperm(len(agent), generator=self.draw)
+        for index in range(ase.updates):
+            # Every minibatch draws from all worlds and all steps (facts 9.2, B10).
+            rows = order[torch.arange(index * ase.batch, (index + 1) * ase.batch) % len(order)]
+            half = rows[: ase.batch // 2]
+            policy = torch.cat((agent[half], self.replay.sample(ase.batch - len(half))))
+            demo = self.normalizer(self.demonstrations(ase.batch))
+            loss, figures = self.discriminator.loss(policy, demo, self.draw)
+            _descend(self.discriminator_optimizer, loss)
+            miss = encoder_loss(self.encoder(agent[rows]), z[rows])
+            _descend(self.encoder_optimizer, miss)
+            for name, value in {**figures, "discriminator": loss.detach(), "encoder": miss.detach()}.items():
+                totals[name] = totals.get(name, 0.0) + value
+        return {name: float(total) / ase.updates for name, total in totals.items()}
+
+
+def _adam(module: torch.nn.Module, rate: float) -> torch.optim.Adam:
+    return torch.optim.Adam(module.parameters(), lr=rate, fused=True)
+
+
+def _descend(optimizer: torch.optim.Adam, loss: torch.Tensor) -> None:
+    optimizer.zero_grad(set_to_none=True)
+    loss.backward()
+    optimizer.step()

@@ -1,0 +1,60 @@
+"""Constraints as Terminations: violations become probabilities of losing all future reward (paper section III-B)."""
+
+from __future__ import annotations
+
+import torch
+
+
+class SoftTerminations:
+    """delta = max_i p_i clip(c_i+ / c_i^max, 0, 1), with c_i^max a running maximum per constraint column.
+
+    ``c_max`` follows the batch maximum by an exponential mean (rate 0.05, facts 6.1), but only on steps with a violation:
+    the original lets it decay to nothing while all is well, so that the next graze counts as the worst case.
+    """
+
+    def __init__(self, max_p: dict[str, float], rate: float = 0.05) -> None:
+        """Take the largest probability of every constraint by name."""
+        self.max_p, self.rate = dict(max_p), rate
+        self.c_max: dict[str, torch.Tensor] = {}
+        self.violated: dict[str, torch.Tensor] = {}
+
+    def __call__(self, violations: dict[str, torch.Tensor], strength: float) -> torch.Tensor:
+        """(N,) termination probabilities of one step.
+
+        Args:
+            violations: name -> (N, k) signed margins c, positive when violated.
+            strength: factor in [0, 1] on every max_p, the place in the ramp.
+
+        Returns:
+            delta (N,) in [0, 1]; zeros when there are no constraints is the caller's case.
+        """
+        deltas = []
+        for name, margin in violations.items():
+            positive = margin.clamp_min(0.0)
+            self.violated[name] = (margin > 0.0).float().mean()
+            share = (positive / self._track(name, positive)).clamp(0.0, 1.0)
+            deltas.append(share.amax(dim=-1) * (self.max_p[name] * strength))
+        return torch.stack(deltas).amax(dim=0)
+
+    def _track(self, name: str, positive: torch.Tensor) -> torch.Tensor:
+        worst = positive.amax(dim=0)
+        if name not in self.c_max:
+            self.c_max[name] = worst.clamp_min(1e-6)
+        old = self.c_max[name]
+        self.c_max[name] = torch.where(worst > 0.0, torch.lerp(old, worst, self.rate), old).clamp_min(1e-6)
+        return self.c_max[name]
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """The running maxima by constraint name."""
+        return dict(self.c_max)
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore :meth:`state_dict`."""
+        self.c_max = dict(state)
+
+
+def ramp(progress: float, start: float, end: float) -> float:
+    """Strength of the constraints: 0 until ``start``, then linear to 1 at ``end``; all as shares of the training."""
+    if progress >= end:
+        return 1.0
+    return max(0.0, (progress - start) / max(end - start, 1e-9))

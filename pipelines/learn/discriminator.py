@@ -1,0 +1,67 @@
+"""What the two discriminators share: the contract, the normaliser of their input, and the imitation reward."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import torch
+from torch import nn
+
+CLIP = 5.0
+"""Normalised transitions are clipped to +-5 (facts 3)."""
+
+
+class Discriminator(Protocol):
+    """Tells demonstrations from the policy; inputs are normalised transitions (n, 2F), oldest frame first."""
+
+    def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(n,) log-odds that a transition is a demonstration; D = sigmoid(logits)."""
+
+    def loss(self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator) -> tuple[torch.Tensor, dict]:
+        """Scalar loss to minimise, and what to log: accuracies and mean logits as 0-d tensors."""
+
+    def parameters(self) -> object:
+        """Trainable parameters."""
+
+
+def imitation_reward(logits: torch.Tensor, ceiling: float = 5.0) -> torch.Tensor:
+    """(n,) r_D = -log(1 - D) = softplus(logit), at most ``ceiling`` (the original's 1e-4 floor on 1 - D gives 9.2)."""
+    return nn.functional.softplus(logits).clamp_max(ceiling)
+
+
+def classification(agent: torch.Tensor, demo: torch.Tensor) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    """Binary cross-entropy of agent (n,) and demonstration (m,) logits, each class averaged, and its statistics."""
+    bce = 0.5 * (nn.functional.softplus(agent).mean() + nn.functional.softplus(-demo).mean())
+    with torch.no_grad():
+        figures = {
+            "agent_accuracy": (agent < 0).float().mean(),
+            "demo_accuracy": (demo > 0).float().mean(),
+            "agent_logit": agent.mean(),
+            "demo_logit": demo.mean(),
+        }
+    return bce, figures
+
+
+class TransitionNormalizer(nn.Module):
+    """Per-feature statistics of one frame, applied to both frames of a transition.
+
+    One set of statistics for both frames keeps their difference meaningful, and statistics of the demonstrations, fixed
+    from the start, keep the discriminator's input from drifting under it (the original re-estimates them all the time).
+    """
+
+    def __init__(self, mean: torch.Tensor, std: torch.Tensor) -> None:
+        """Take the mean and standard deviation (F,) of the demonstrations' frames."""
+        super().__init__()
+        self.register_buffer("mean", mean)
+        self.register_buffer("std", std.clamp_min(1e-3))
+
+    @classmethod
+    def fit(cls, transitions: torch.Tensor) -> TransitionNormalizer:
+        """Estimate from demonstration transitions (n, 2F)."""
+        frames = transitions.view(-1, transitions.shape[-1] // 2)
+        return cls(frames.mean(dim=0), frames.std(dim=0))
+
+    def forward(self, transition: torch.Tensor) -> torch.Tensor:
+        """(n, 2F) -> normalised and clipped."""
+        frames = transition.view(-1, 2, self.mean.shape[0])
+        return ((frames - self.mean) / self.std).clamp(-CLIP, CLIP).view(transition.shape)

@@ -1,0 +1,91 @@
+"""The diffusion discriminator: which label lets a denoiser explain a transition better (paper section III-C; DRAIL)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+from lacoloco.pipelines.learn.discriminator import classification
+
+
+@dataclass(frozen=True)
+class DrailConfig:
+    """Denoiser and sampling.
+
+    Attributes:
+        hidden: width of each hidden layer.
+        layers: number of hidden layers.
+        steps: diffusion steps T.
+        samples: stratified diffusion times per transition.
+        scale: factor on the difference of the two losses; both are means over 2F dimensions, so their difference alone
+            is too small to leave the flat part of the sigmoid (the paper sums, |.|^2, the original averages).
+    """
+
+    hidden: int = 128
+    layers: int = 3
+    steps: int = 1000
+    samples: int = 4
+    scale: float = 10.0
+
+
+class DrailDiscriminator(nn.Module):
+    """D = sigmoid(scale (L(x, policy) - L(x, expert))), both losses at the *same* diffusion times and noises.
+
+    With common draws an uninformed network gives exactly 0, whatever it predicts; the original's independent draws leave
+    a noise of +-0.5 in every logit (facts 9.2, B11). Stratified times (one per quantile of the schedule) reduce the rest.
+    """
+
+    def __init__(self, transition_dim: int, config: DrailConfig) -> None:
+        """Build the label-conditioned denoiser for transitions of ``transition_dim`` = 2F numbers."""
+        super().__init__()
+        self.config = config
+        self.entry = nn.Linear(transition_dim, config.hidden)
+        self.label = nn.Embedding(2, config.hidden)
+        self.time = nn.Embedding(config.steps, config.hidden)
+        self.hidden = nn.ModuleList(nn.Linear(config.hidden, config.hidden) for _ in range(config.layers - 1))
+        self.exit = nn.Linear(config.hidden, transition_dim)
+        nn.init.normal_(self.time.weight, std=0.5)
+        nn.init.normal_(self.label.weight, std=0.5)
+        self.register_buffer("alpha_bar", cosine_schedule(config.steps))
+
+    def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(n, 2F) normalised transitions -> (n,) log-odds of being a demonstration."""
+        count, samples = len(transition), self.config.samples
+        times = self._times(count, draw).to(transition.device)
+        noise = torch.randn(count, samples, transition.shape[-1], generator=draw).to(transition.device)
+        keep = self.alpha_bar[times][..., None]
+        noisy = keep.sqrt() * transition[:, None] + (1.0 - keep).sqrt() * noise
+        # The entry layer sees the same input under both labels: compute it once.
+        shared = self.entry(noisy) + self.time(times)
+        errors = [(self._denoise(shared + self.label.weight[label]) - noise).square().mean(dim=(1, 2)) for label in (0, 1)]
+        return self.config.scale * (errors[0] - errors[1])
+
+    def loss(
+        self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Cross-entropy of the logits; the denoiser is trained by nothing else (paper, after eq. of D_diffusion)."""
+        logits = self.logits(torch.cat((agent, demo)), draw)
+        return classification(logits[: len(agent)], logits[len(agent) :])
+
+    def _denoise(self, embedded: torch.Tensor) -> torch.Tensor:
+        activation = nn.functional.elu(embedded)
+        for layer in self.hidden:
+            activation = nn.functional.elu(layer(activation))
+        return self.exit(activation)
+
+    def _times(self, count: int, draw: torch.Generator) -> torch.Tensor:
+        """(count, samples) integer diffusion times, one uniform draw in each of ``samples`` equal strata."""
+        samples, steps = self.config.samples, self.config.steps
+        offset = torch.rand(count, samples, generator=draw)
+        strata = (torch.arange(samples) + offset) / samples
+        return (strata * steps).long().clamp_max(steps - 1)
+
+
+def cosine_schedule(steps: int, offset: float = 0.008) -> torch.Tensor:
+    """(steps,) cumulative signal share alpha_bar of Nichol & Dhariwal (2021), betas clipped to [1e-4, 0.9999]."""
+    phase = (torch.arange(steps + 1, dtype=torch.float64) / steps + offset) / (1.0 + offset) * (torch.pi / 2.0)
+    signal = torch.cos(phase).square()
+    betas = (1.0 - signal[1:] / signal[:-1]).clamp(1e-4, 0.9999)
+    return torch.cumprod(1.0 - betas, dim=0).float()

@@ -1,0 +1,37 @@
+"""The skill encoder q(z | s_t, s_t+1) ~ exp(kappa mu_q . z) and its reward (paper, "Skill Discovery Objective")."""
+
+from __future__ import annotations
+
+import torch
+from rsl_rl.modules import MLP
+from torch import nn
+
+from lacoloco.pipelines.learn.latents import project
+
+
+class SkillEncoder(nn.Module):
+    """Predicts the mean direction mu_q (n, dim) of the von Mises-Fisher distribution from a transition (n, 2F)."""
+
+    def __init__(self, transition_dim: int, latent_dim: int, hidden: tuple[int, ...] = (256, 128)) -> None:
+        """Build an ELU MLP whose output is projected to the sphere."""
+        super().__init__()
+        self.mlp = MLP(transition_dim, latent_dim, list(hidden), "elu")
+
+    def forward(self, transition: torch.Tensor) -> torch.Tensor:
+        """(n, 2F) normalised transitions -> (n, dim) unit vectors."""
+        return project(self.mlp(transition))
+
+
+def cosine(predicted: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+    """(n,) mu_q . z, the log-likelihood up to kappa and a constant."""
+    return (predicted * z).sum(dim=-1)
+
+
+def encoder_reward(predicted: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+    """(n,) max(0, mu_q . z): the paper's log q with kappa = 1, floored as in the original (facts 4)."""
+    return cosine(predicted, z).clamp_min(0.0)
+
+
+def encoder_loss(predicted: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+    """Scalar: minus the mean log-likelihood."""
+    return -cosine(predicted, z).mean()

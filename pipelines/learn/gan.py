@@ -1,0 +1,47 @@
+"""The GAN discriminator of ASE: one logit per transition (paper, "Imitation objective")."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from rsl_rl.modules import MLP
+from torch import nn
+
+from lacoloco.pipelines.learn.discriminator import classification
+
+
+@dataclass(frozen=True)
+class GanConfig:
+    """Width of the network and its regularisers (facts 4)."""
+
+    hidden: tuple[int, ...] = (256, 128)
+    gradient_penalty: float = 5.0
+    logit_decay: float = 0.01
+
+
+class GanDiscriminator(nn.Module):
+    """D(s_t, s_t+1) = sigmoid(MLP), trained by cross-entropy with a gradient penalty on demonstrations."""
+
+    def __init__(self, transition_dim: int, config: GanConfig) -> None:
+        """Build the network for transitions of ``transition_dim`` = 2F numbers."""
+        super().__init__()
+        self.config = config
+        self.mlp = MLP(transition_dim, 1, list(config.hidden), "elu")
+
+    def logits(self, transition: torch.Tensor, draw: torch.Generator | None = None) -> torch.Tensor:
+        """(n, 2F) normalised transitions -> (n,) log-odds; deterministic, so ``draw`` is not used."""
+        return self.mlp(transition).squeeze(-1)
+
+    def loss(
+        self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator | None = None
+    ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Cross-entropy + gradient penalty E_demo |grad_x logit|^2 + decay of the logit layer."""
+        demo = demo.detach().requires_grad_(True)
+        demo_logits = self.logits(demo)
+        bce, figures = classification(self.logits(agent), demo_logits)
+        (slope,) = torch.autograd.grad(demo_logits.sum(), demo, create_graph=True)
+        penalty = slope.square().sum(dim=-1).mean()
+        decay = self.mlp[-1].weight.square().sum()
+        figures["gradient_penalty"] = penalty.detach()
+        return bce + self.config.gradient_penalty * penalty + self.config.logit_decay * decay, figures

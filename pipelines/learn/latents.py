@@ -1,0 +1,58 @@
+"""Skill latents on the unit sphere (paper section III-A, "Latent Space")."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+
+def project(unnormalized: torch.Tensor) -> torch.Tensor:
+    """(..., d) -> unit vectors along the last axis: z = u / |u|."""
+    return torch.nn.functional.normalize(unnormalized, dim=-1, eps=1e-8)
+
+
+def sample_latents(count: int, dim: int, draw: torch.Generator) -> torch.Tensor:
+    """(count, dim) uniform on the unit sphere: a normalised standard Gaussian. Drawn on the CPU."""
+    return project(torch.randn(count, dim, generator=draw))
+
+
+@dataclass(frozen=True)
+class LatentConfig:
+    """Dimension of z and the range of control steps (inclusive) for which one is held."""
+
+    dim: int = 7
+    min_steps: int = 1
+    max_steps: int = 149
+
+
+class LatentSchedule:
+    """The latent of every world: held for a random while, new at every reset; all uniform on the sphere."""
+
+    def __init__(self, num_worlds: int, config: LatentConfig, *, seed: int, device: torch.device | str = "cpu") -> None:
+        """Draw a latent (N, dim) and its duration for every world."""
+        self.config, self.draw, self.device = config, torch.Generator().manual_seed(seed), device
+        self.z = sample_latents(num_worlds, config.dim, self.draw).to(device)
+        self.remaining = self._durations(num_worlds)
+
+    def advance(self, done: torch.Tensor) -> None:
+        """One control step has passed; worlds in ``done`` (N,) bool have just been reset."""
+        self.remaining -= 1
+        ids = torch.nonzero(done | (self.remaining <= 0)).flatten()
+        if len(ids):
+            # A new tensor: the old latents may still be referenced by the transition being recorded.
+            self.z = self.z.index_copy(0, ids, sample_latents(len(ids), self.config.dim, self.draw).to(self.device))
+            self.remaining[ids] = self._durations(len(ids))
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Latents, remaining steps, generator."""
+        return {"z": self.z, "remaining": self.remaining, "draw": self.draw.get_state()}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore :meth:`state_dict`."""
+        self.z, self.remaining = state["z"].to(self.device), state["remaining"].to(self.device)
+        self.draw.set_state(state["draw"])
+
+    def _durations(self, count: int) -> torch.Tensor:
+        low, high = self.config.min_steps, self.config.max_steps
+        return torch.randint(low, high + 1, (count,), generator=self.draw).to(self.device)

@@ -1,0 +1,65 @@
+"""Actors and critics on rsl_rl's MLP model: normaliser, network and Gaussian head in one exportable module."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from rsl_rl.models import MLPModel
+from tensordict import TensorDict
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Hidden layers of actor and critic, activation, and the first exploration std [raw action units]."""
+
+    actor: tuple[int, ...] = (256, 128, 64)
+    critic: tuple[int, ...] = (256, 128, 64)
+    activation: str = "elu"
+    init_std: float = 0.35
+    learn_std: bool = False
+
+
+def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> MLPModel:
+    """Actor over the concatenated observation groups ``sizes`` (name -> width), ``actions`` outputs, Gaussian.
+
+    Only the group ``policy`` should be unbounded; latents are unit vectors, the normaliser treats all alike.
+    """
+    distribution = {
+        "class_name": "GaussianDistribution",
+        "init_std": config.init_std,
+        "std_type": "log",
+        "learn_std": config.learn_std,
+    }
+    return _model(sizes, actions, config.actor, config.activation, distribution)
+
+
+def make_critic(sizes: dict[str, int], config: NetworkConfig) -> MLPModel:
+    """Critic over the same groups, one value per world."""
+    return _model(sizes, 1, config.critic, config.activation, None)
+
+
+def example(sizes: dict[str, int], count: int = 1) -> TensorDict:
+    """Zero observations of the right widths, for building models and buffers."""
+    return TensorDict({name: torch.zeros(count, size) for name, size in sizes.items()}, batch_size=[count])
+
+
+def set_std(actor: MLPModel, std: float) -> None:
+    """Set the exploration std of every action (only sensible when it is not learned)."""
+    with torch.no_grad():
+        actor.distribution.log_std_param.fill_(float(torch.tensor(std).log()))
+
+
+def _model(
+    sizes: dict[str, int], outputs: int, hidden: tuple[int, ...], activation: str, distribution: dict | None
+) -> MLPModel:
+    return MLPModel(
+        example(sizes),
+        {"model": list(sizes)},
+        "model",
+        outputs,
+        hidden_dims=list(hidden),
+        activation=activation,
+        obs_normalization=True,
+        distribution_cfg=distribution,
+    )

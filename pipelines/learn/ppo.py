@@ -1,0 +1,235 @@
+"""PPO on rsl_rl's models and storage, with soft terminations, true time-outs and a deterministic share of worlds.
+
+rsl_rl stores ``dones`` as bytes and bootstraps time-outs from the state *before* the last step; this subclass keeps its own
+float buffers and evaluates the true next state instead. Everything it learns from is taken before a reset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+
+from lacoloco.pipelines.learn.networks import NetworkConfig, example, make_actor, make_critic
+from lacoloco.pipelines.learn.returns import advantages
+
+EXPLORE = "explore"
+"""Observation group (N, 1): 1 where this step's action was sampled, 0 where it was the mean."""
+
+
+@dataclass(frozen=True)
+class PpoConfig:
+    """Optimisation of actor and critic.
+
+    Attributes:
+        horizon: control steps per world and iteration.
+        desired_kl: the actor's learning rate is moved by 1.5 to keep the KL of each minibatch near this.
+        critic_learning_rate: fixed; the critic has its own rate because its loss says nothing about the KL.
+        bound: soft limit on |mean action|, with weight ``bound_weight`` (facts 4).
+        deterministic_share: mean share of steps with the mean action; world i acts on its mean with a fixed probability
+            that rises from 0 to 1 over the worlds (facts 4, eps-greedy), so that the mean is trained to work alone.
+    """
+
+    horizon: int = 32
+    epochs: int = 5
+    minibatches: int = 4
+    gamma: float = 0.99
+    lam: float = 0.95
+    clip: float = 0.2
+    learning_rate: float = 5e-4
+    min_learning_rate: float = 5e-5
+    max_learning_rate: float = 2e-3
+    critic_learning_rate: float = 1e-3
+    desired_kl: float = 0.01
+    entropy: float = 0.0
+    max_grad_norm: float = 1.0
+    bound: float = 1.1
+    bound_weight: float = 0.0
+    deterministic_share: float = 0.0
+
+
+class Ppo(PPO):
+    """rsl_rl's PPO with :func:`~lacoloco.pipelines.learn.returns.advantages` and one auxiliary loss hook."""
+
+    def __init__(
+        self,
+        sizes: dict[str, int],
+        actions: int,
+        num_worlds: int,
+        config: PpoConfig,
+        networks: NetworkConfig,
+        device: str = "cpu",
+    ) -> None:
+        """Build models and buffers for observation groups ``sizes`` (name -> width)."""
+        observations = example({**sizes, EXPLORE: 1}, num_worlds).to(device)
+        storage = RolloutStorage("rl", num_worlds, config.horizon, observations, [actions], device)
+        super().__init__(
+            make_actor(sizes, actions, networks),
+            make_critic(sizes, networks),
+            storage,
+            learning_rate=config.learning_rate,
+            gamma=config.gamma,
+            lam=config.lam,
+            device=device,
+        )
+        self.config, self.num_worlds = config, num_worlds
+        groups = [
+            {"params": [p for p in self.actor.parameters() if p.requires_grad], "lr": config.learning_rate},
+            {"params": list(self.critic.parameters()), "lr": config.critic_learning_rate},
+        ]
+        self.optimizer = torch.optim.Adam(groups, fused=True)
+        self.sampling_probability = deterministic_schedule(num_worlds, config.deterministic_share).to(device)
+        shape = (config.horizon, num_worlds)
+        self.delta, self.next_values = torch.zeros(shape, device=device), torch.zeros(shape, device=device)
+        self.done = torch.zeros(shape, dtype=torch.bool, device=device)
+
+    def act(self, obs: TensorDict) -> torch.Tensor:
+        """(N, A) actions for observations (N rows); samples, except where this world acts on its mean this step."""
+        explore = torch.rand(self.num_worlds, device=self.device) < self.sampling_probability
+        obs[EXPLORE] = explore[:, None].float()
+        with torch.no_grad():
+            sampled = super().act(obs)
+        mean = self.transition.distribution_params[0]
+        self.transition.actions = torch.where(explore[:, None], sampled, mean)
+        return self.transition.actions
+
+    def record(
+        self,
+        reward: torch.Tensor,
+        fell: torch.Tensor,
+        timed_out: torch.Tensor,
+        next_obs: TensorDict,
+        delta: torch.Tensor | None = None,
+    ) -> None:
+        """Store the step begun by :meth:`act`.
+
+        Args:
+            reward: (N,) task reward, not yet scaled by the constraints.
+            fell: (N,) bool, the future is worth nothing.
+            timed_out: (N,) bool, the future is worth V(next_obs).
+            next_obs: observations after the step and *before* any reset.
+            delta: (N,) termination probabilities of the constraints.
+        """
+        t = self.storage.step
+        self.delta[t] = 0.0 if delta is None else delta
+        self.done[t] = fell | timed_out
+        self.next_values[t] = 0.0
+        ends = torch.nonzero(timed_out).flatten()
+        if len(ends):
+            with torch.no_grad():
+                self.next_values[t, ends] = self.critic(next_obs[ends]).squeeze(-1)
+        self.transition.rewards, self.transition.dones = reward, self.done[t]
+        self.storage.add_transition(self.transition)
+        self.transition.clear()
+
+    def warm_up(self, observations: TensorDict) -> None:
+        """Fit the normalisers to observations (n rows) before the first rollout.
+
+        Otherwise the first update learns on raw observations, and the statistics that follow it change the policy more
+        than any gradient did.
+        """
+        self.actor.update_normalization(observations)
+        self.critic.update_normalization(observations)
+
+    def compute_returns(self, obs: TensorDict) -> None:
+        """Fill returns and advantages; ``obs`` are the observations that the next rollout starts from."""
+        storage = self.storage
+        values = storage.values.squeeze(-1)
+        with torch.no_grad():
+            last = self.critic(obs).squeeze(-1)
+        following = torch.cat((values[1:], last[None]))
+        next_values = torch.where(self.done, self.next_values, following)
+        rewards = storage.rewards.squeeze(-1) * (1.0 - self.delta)
+        gain = advantages(
+            rewards, values, next_values, self.delta, self.done, gamma=self.config.gamma, lam=self.config.lam
+        )
+        storage.returns = (gain + values)[..., None]
+        explore = storage.observations[EXPLORE].squeeze(-1) > 0.0
+        chosen = gain[explore]
+        storage.advantages = ((gain - chosen.mean()) / (chosen.std() + 1e-8))[..., None]
+
+    def auxiliary_loss(self, batch: RolloutStorage.Batch, mean: torch.Tensor) -> torch.Tensor | None:
+        """A further loss on the actor, given a minibatch and its mean actions (n, A); none here."""
+        return None
+
+    def update(self) -> dict[str, float]:
+        """Several epochs over shuffled minibatches of all worlds (facts 9.2, B10); returns mean figures."""
+        config, totals, count = self.config, {}, 0
+        for batch in self.storage.mini_batch_generator(config.minibatches, config.epochs):
+            loss, figures = self._loss(batch)
+            self.optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.actor.parameters(), config.max_grad_norm)
+            torch.nn.utils.clip_grad_norm_(self.critic.parameters(), config.max_grad_norm)
+            self.optimizer.step()
+            for name, value in figures.items():
+                totals[name] = totals.get(name, 0.0) + value.detach()
+            count += 1
+        # Statistics move only here, so that a rollout and its update see the same network.
+        observations = self.storage.observations.flatten(0, 1)
+        self.actor.update_normalization(observations)
+        self.critic.update_normalization(observations)
+        figures = {name: float(total) / count for name, total in totals.items()}
+        figures |= {"learning_rate": self.learning_rate, "explained_variance": self._explained_variance()}
+        self.storage.clear()
+        return figures
+
+    def _loss(self, batch: RolloutStorage.Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        config = self.config
+        weight = batch.observations[EXPLORE].squeeze(-1)
+        weight = weight / weight.sum().clamp_min(1.0)
+        mean = self.actor(batch.observations)
+        std = self.actor.distribution.log_std_param.exp().expand_as(mean)
+        log_prob = _gaussian_log_prob(batch.actions, mean, std)
+        kl = self._adapt_learning_rate(batch, mean.detach(), std.detach(), weight)
+        ratio = torch.exp(log_prob - batch.old_actions_log_prob.squeeze(-1))
+        gain = batch.advantages.squeeze(-1)
+        clipped = ratio.clamp(1.0 - config.clip, 1.0 + config.clip)
+        surrogate = -(torch.minimum(ratio * gain, clipped * gain) * weight).sum()
+        value = (self.critic(batch.observations) - batch.returns).square().mean()
+        loss = surrogate + value
+        if config.entropy:
+            loss = loss - config.entropy * std.log().sum(dim=-1).mean()
+        if config.bound_weight:
+            excess = (mean.abs() - config.bound).clamp_min(0.0).square().sum(dim=-1)
+            loss = loss + config.bound_weight * (excess * weight).sum()
+        auxiliary = self.auxiliary_loss(batch, mean)
+        if auxiliary is not None:
+            loss = loss + auxiliary
+        return loss, {"surrogate": surrogate, "value": value, "kl": kl}
+
+    def _adapt_learning_rate(
+        self, batch: RolloutStorage.Batch, mean: torch.Tensor, std: torch.Tensor, weight: torch.Tensor
+    ) -> torch.Tensor:
+        old_mean, old_std = batch.old_distribution_params
+        terms = (std / old_std).log() + (old_std.square() + (old_mean - mean).square()) / (2 * std.square()) - 0.5
+        kl = (terms.sum(dim=-1) * weight).sum()
+        if kl > 2.0 * self.config.desired_kl:
+            self.learning_rate = max(self.config.min_learning_rate, self.learning_rate / 1.5)
+        elif kl < 0.5 * self.config.desired_kl:
+            self.learning_rate = min(self.config.max_learning_rate, self.learning_rate * 1.5)
+        self.optimizer.param_groups[0]["lr"] = self.learning_rate
+        return kl
+
+    def _explained_variance(self) -> float:
+        returns, values = self.storage.returns, self.storage.values
+        return float(1.0 - (returns - values).var() / returns.var().clamp_min(1e-12))
+
+
+def deterministic_schedule(num_worlds: int, share: float) -> torch.Tensor:
+    """(N,) probability that a world samples its action: 1 - exp(k (i/(N-1) - 1)), k such that the mean is 1 - ``share``.
+
+    The original fixes k = 10, a mean deterministic share of 0.1 (facts 4); 0 turns it off.
+    """
+    if share <= 0.0:
+        return torch.ones(num_worlds)
+    place = torch.linspace(0.0, 1.0, num_worlds)
+    return 1.0 - torch.exp((place - 1.0) / share)
+
+
+def _gaussian_log_prob(actions: torch.Tensor, mean: torch.Tensor, std: torch.Tensor) -> torch.Tensor:
+    scaled = (actions - mean) / std
+    return (-0.5 * scaled.square() - std.log() - 0.9189385332046727).sum(dim=-1)

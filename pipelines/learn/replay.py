@@ -1,0 +1,38 @@
+"""A fixed-size memory of the policy's past transitions."""
+
+from __future__ import annotations
+
+import torch
+
+
+class ReplayBuffer:
+    """Keeps ``capacity`` transitions (2F numbers each); once full, each newcomer overwrites a random slot."""
+
+    def __init__(self, capacity: int, transition_dim: int, *, seed: int, device: torch.device | str = "cpu") -> None:
+        """Allocate an empty memory."""
+        self.data = torch.zeros(capacity, transition_dim, device=device)
+        self.size, self.draw = 0, torch.Generator().manual_seed(seed)
+
+    def add(self, transitions: torch.Tensor) -> None:
+        """Store (n, 2F) transitions; n may not exceed the capacity."""
+        free = len(self.data) - self.size
+        head = min(free, len(transitions))
+        self.data[self.size : self.size + head] = transitions[:head]
+        self.size += head
+        rest = transitions[head:]
+        if len(rest):
+            self.data[torch.randperm(len(self.data), generator=self.draw)[: len(rest)]] = rest
+
+    def sample(self, count: int) -> torch.Tensor:
+        """(count, 2F) uniform with replacement; the memory must not be empty."""
+        return self.data[torch.randint(0, self.size, (count,), generator=self.draw)]
+
+    def state_dict(self) -> dict[str, torch.Tensor | int]:
+        """Contents and generator."""
+        return {"data": self.data[: self.size], "size": self.size, "draw": self.draw.get_state()}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor | int]) -> None:
+        """Restore :meth:`state_dict`."""
+        self.size = int(state["size"])
+        self.data[: self.size] = state["data"].to(self.data.device)
+        self.draw.set_state(state["draw"])

@@ -1,0 +1,103 @@
+"""Trained networks as artifacts: what was learned, and what it needs to be fed and how to be used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
+from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.state import flatten_state, unflatten_state
+from lacoloco.robots.spec import RobotSpec
+from rsl_rl.models import MLPModel
+
+from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.stage import StageContext
+
+SCHEMA = "lacoloco/policy"
+
+
+@dataclass(frozen=True)
+class Head:
+    """One actor: its observation groups in order, its number of outputs and its network.
+
+    Attributes:
+        role: ``walk``, ``reach_in_place``, ``low`` or ``high``.
+        sizes: observation group -> width.
+        actions: number of outputs.
+        networks: hidden layers and activation.
+        layout: the columns of the group ``policy`` (see ``sim.state.layout``).
+        task: name of the task that it was trained on.
+    """
+
+    role: str
+    sizes: dict[str, int]
+    actions: int
+    networks: NetworkConfig
+    layout: list[dict[str, Any]]
+    task: str
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A head with its weights; call it with one tensor per observation group to get deterministic actions."""
+
+    head: Head
+    actor: MLPModel
+
+    @torch.no_grad()
+    def __call__(self, *groups: torch.Tensor) -> torch.Tensor:
+        """(N, width) per group -> (N, actions) mean actions."""
+        return self.actor(dict(zip(self.head.sizes, groups, strict=True)))
+
+
+def save_policies(
+    path: Path,
+    policies: Sequence[Policy],
+    *,
+    spec: RobotSpec,
+    context: StageContext,
+    config: dict[str, Any],
+    parents: Sequence[Path],
+    metrics: dict[str, Any],
+    metadata: dict[str, Any] | None = None,
+) -> Path:
+    """Write policies of one robot into one artifact, by role; a high level carries its low level with it."""
+    state = {policy.head.role: policy.actor.state_dict() for policy in policies}
+    arrays, structure = flatten_state(state)
+    heads = {policy.head.role: asdict(policy.head) for policy in policies}
+    return write_artifact(
+        path,
+        SCHEMA,
+        arrays,
+        metadata={"heads": heads, "structure": structure, "metrics": metrics, **(metadata or {})},
+        config=config,
+        seed=context.seed,
+        robot=(spec.name, spec.model_hash()),
+        parents=parents,
+        command=context.command,
+    )
+
+
+def load_policies(path: Path, *needed: str, device: str = "cpu") -> tuple[Artifact, dict[str, Policy]]:
+    """Read an artifact's policies by role, ready to run.
+
+    Raises:
+        ArtifactError: not a policy, damaged, or a role in ``needed`` is not in it.
+    """
+    artifact = read_artifact(path, SCHEMA)
+    states = unflatten_state(artifact.arrays, artifact.metadata["structure"])
+    policies = {}
+    for role, data in artifact.metadata["heads"].items():
+        networks = NetworkConfig(**{k: tuple(v) if isinstance(v, list) else v for k, v in data["networks"].items()})
+        head = Head(**{**data, "networks": networks})
+        actor = make_actor(head.sizes, head.actions, networks)
+        actor.load_state_dict(states[role])
+        policies[role] = Policy(head, actor.to(device).eval())
+    for role in needed:
+        if role not in policies:
+            raise ArtifactError(f"{path}: holds {', '.join(policies)}, not the {role} policy; name another artifact")
+    return artifact, policies

@@ -1,0 +1,65 @@
+"""What a task asks of the robot: a velocity to track, or a point to touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from lacoloco.datasets.rotations import rotate_inverse
+
+from lacoloco.pipelines.sim.state import RobotState
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class VelocityCommand:
+    """Planar velocity in the base's heading: uniform ranges [m/s, m/s, rad/s]; a share of worlds is told to stand."""
+
+    forward: Range
+    lateral: Range
+    yaw_rate: Range
+    standing: float = 0.02
+
+    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(K, 3) new commands for K worlds; ``origin`` (K, 3) only gives the count and device."""
+        command = uniform((self.forward, self.lateral, self.yaw_rate), len(origin), draw)
+        moving = torch.rand(len(origin), generator=draw) >= self.standing
+        return (command * moving[:, None]).to(origin.device)
+
+    def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
+        """(N, 3) the command itself: it is already relative to the base."""
+        return command
+
+
+@dataclass(frozen=True)
+class TargetCommand:
+    """A world point for the end effector: either a box or, when ``radius`` is set, an upright cylinder's shell.
+
+    Ranges are metres relative to the point under the robot's base at reset; z is above the ground.
+    """
+
+    z: Range
+    x: Range = (0.0, 0.0)
+    y: Range = (0.0, 0.0)
+    radius: float | None = None
+
+    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(K, 3) world targets around ``origin`` (K, 3) [m]."""
+        target = uniform((self.x, self.y, self.z), len(origin), draw)
+        if self.radius is not None:
+            angle = uniform(((-torch.pi, torch.pi),), len(origin), draw)[:, 0]
+            target[:, 0], target[:, 1] = self.radius * torch.cos(angle), self.radius * torch.sin(angle)
+        target = target.to(origin.device)
+        target[:, :2] += origin[:, :2]
+        return target
+
+    def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
+        """(N, 3) the target in the base frame (full orientation, as in the original) [m]."""
+        return rotate_inverse(state.root_quat, command - state.root_pos)
+
+
+def uniform(ranges: tuple[Range, ...], count: int, draw: torch.Generator) -> torch.Tensor:
+    """(count, len(ranges)) float32, column i uniform in ranges[i]; drawn on the CPU so that seeds mean the same everywhere."""
+    low, high = torch.tensor(ranges).T
+    return low + (high - low) * torch.rand(count, len(ranges), generator=draw)

@@ -1,0 +1,282 @@
+"""N robots in N worlds under one task: actions in, clean pre-reset transitions out. All torch, no loop over worlds.
+
+An environment never resets itself: :meth:`LeggedEnv.step` describes the step as it ended, the caller decides what to keep
+of it, then calls :meth:`LeggedEnv.reset`. So no transition, value or reward can ever be taken from the wrong side of a
+reset (facts 9.2, B2, B3, B8, B9).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import torch
+from lacoloco.datasets.rotations import multiply, rotate
+from lacoloco.robots.spec import RobotSpec
+
+from lacoloco.pipelines.sim import state as layouts
+from lacoloco.pipelines.sim.commands import TargetCommand, uniform
+from lacoloco.pipelines.sim.constraints import CONSTRAINTS
+from lacoloco.pipelines.sim.feet import FootTimer
+from lacoloco.pipelines.sim.kinematics import EndEffectorChain
+from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters, make_physics
+from lacoloco.pipelines.sim.rewards import REWARDS
+from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
+from lacoloco.pipelines.sim.tasks import Randomisation, Task
+
+if TYPE_CHECKING:
+    from lacoloco.datasets.library import MotionLibrary
+
+FALL_FORCE = 1.0
+"""Newtons on a fall body that end an episode (facts 2.0)."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One control step of N worlds, before any reset.
+
+    Attributes:
+        reward: (N,) task reward, already times 0.02 s.
+        fell: (N,) bool, the episode ended by a fall or a diverged world.
+        timed_out: (N,) bool, the episode reached its length without falling.
+        valid: (N,) bool, False where the physics diverged and the transition means nothing.
+        violations: constraint name -> (N, k) signed margins c (positive: violated).
+    """
+
+    reward: torch.Tensor
+    fell: torch.Tensor
+    timed_out: torch.Tensor
+    valid: torch.Tensor
+    violations: dict[str, torch.Tensor]
+
+    @property
+    def done(self) -> torch.Tensor:
+        """(N,) bool, worlds to reset."""
+        return self.fell | self.timed_out
+
+
+class LeggedEnv:
+    """A robot under a task; ``state``, ``previous``, ``action`` and ``command`` are what the terms read."""
+
+    def __init__(
+        self,
+        spec: RobotSpec,
+        task: Task,
+        num_worlds: int,
+        *,
+        seed: int,
+        device: str = "cpu",
+        motions: MotionLibrary | None = None,
+        physics: Physics | None = None,
+    ) -> None:
+        """Build the worlds, draw their parameters and start every episode."""
+        self.spec, self.task, self.num_worlds, self.motions = spec, task, num_worlds, motions
+        self.draw = torch.Generator().manual_seed(seed)
+        request = PhysicsRequest(spec, num_worlds, task.training_limits)
+        self.physics = physics or make_physics(request, device)
+        self.device = self.physics.device
+        self._chain = EndEffectorChain(spec, self.device)
+        joints = len(spec.joint_names)
+        self.default_joint_pos = torch.tensor(spec.default_joint_pos, device=self.device)
+        self.hip_columns = [i for i, name in enumerate(spec.joint_names) if "HAA" in name or "hip_roll" in name]
+        self.num_actions, self.default_height = joints, spec.default_height()
+        self._falls = slice(0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies))
+        self._noise = layouts.noise_scale(self.terms).to(self.device) * task.noise
+        self.feet = FootTimer(num_worlds, len(spec.feet), self.device)
+        self.steps = torch.zeros(num_worlds, dtype=torch.long, device=self.device)
+        self.action = torch.zeros(num_worlds, joints, device=self.device)
+        self.command = torch.zeros(num_worlds, 3, device=self.device)
+        self._resample_at = torch.zeros_like(self.steps)
+        self._push_at = torch.zeros_like(self.steps)
+        self.diverged_total = 0
+        self.physics.set_parameters(draw_parameters(task.randomisation, num_worlds, self.draw))
+        self._read()
+        self.reset(torch.ones(num_worlds, dtype=torch.bool, device=self.device))
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Layout of :meth:`observe`."""
+        command = None
+        if self.task.command is not None:
+            is_target = isinstance(self.task.command, TargetCommand)
+            command = Term("target", 3, "m", "base") if is_target else Term("velocity_command", 3, "m/s, rad/s", "base")
+        return layouts.policy_terms(self.num_actions, self.task.joint_pos_noise, command)
+
+    def step(self, action: torch.Tensor) -> Step:
+        """Apply raw actions (N, J) for one control step: joint targets = default pose + action scale x action."""
+        self.previous, self.previous_action, self.action = self.state, self.action, action
+        self.physics.step(self.default_joint_pos + self.task.action_scale * action)
+        self._read()
+        self.steps += 1
+        self.feet.update(self.physics.foot_force[:, -1])
+        diverged = self.physics.diverged
+        self.diverged_total += int(diverged.sum())
+        fell = (self.physics.body_force[:, self._falls] > FALL_FORCE).any(dim=-1) | diverged
+        step = Step(
+            reward=self._reward(),
+            fell=fell,
+            timed_out=(self.steps >= self.task.episode_steps) & ~fell,
+            valid=~diverged,
+            violations={c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints},
+        )
+        self._push()
+        self._resample()
+        return step
+
+    def frame(self) -> torch.Tensor:
+        """(N, 10 + 2J) clean style frame of the current state."""
+        return style_frame(self.state)
+
+    def observe(self) -> torch.Tensor:
+        """(N, width of ``terms``) the policy's view: style frame, last action, command; with the task's noise."""
+        parts = [style_frame(self.state), self.action]
+        if self.task.command is not None:
+            parts.append(self.task.command.observe(self.command, self.state))
+        clean = torch.cat(parts, dim=-1)
+        if self.task.noise == 0.0:
+            return clean
+        spread = torch.rand(clean.shape, generator=self.draw).to(self.device) * 2.0 - 1.0
+        return clean + spread * self._noise
+
+    def reset(self, mask: torch.Tensor) -> None:
+        """Start new episodes in the worlds of ``mask`` (N,) bool."""
+        ids = torch.nonzero(mask).flatten()
+        if not len(ids):
+            return
+        qpos, qvel = self._default_starts(len(ids))
+        if self.motions is not None and self.task.reset.clip_share > 0.0:
+            chosen = torch.nonzero(torch.rand(len(ids), generator=self.draw) < self.task.reset.clip_share).flatten()
+            if len(chosen):
+                qpos[chosen], qvel[chosen] = self._clip_starts(len(chosen))
+        self.physics.reset(ids, qpos.to(self.device), qvel.to(self.device))
+        self._read()
+        self.steps[ids] = 0
+        self.action = self.action.index_fill(0, ids, 0.0)
+        self.feet.reset(ids)
+        if self.task.command is not None:
+            # Targets are relative to the middle of the reset spread, the worlds' origin.
+            self.command[ids] = self.task.command.sample(torch.zeros(len(ids), 3, device=self.device), self.draw)
+        self._resample_at[ids] = self._later(self.task.resample_s, ids)
+        self._push_at[ids] = self._later(self.task.randomisation.push_interval_s, ids)
+
+    def stagger(self) -> None:
+        """Spread the ages of the running episodes, so that time-outs do not all fall into the same iteration."""
+        age = torch.randint(0, self.task.episode_steps, (self.num_worlds,), generator=self.draw)
+        self.steps = age.to(self.device)
+
+    def end_effector(self) -> torch.Tensor:
+        """(N, 3) world position of the end effector [m]."""
+        return self._chain(self.physics.qpos)
+
+    def target_error(self) -> torch.Tensor:
+        """(N,) distance of the end effector from its target [m]."""
+        return torch.linalg.vector_norm(self.end_effector() - self.command, dim=-1)
+
+    def command_speed(self) -> torch.Tensor:
+        """(N,) norm of the commanded velocity (m/s and rad/s taken alike)."""
+        return torch.linalg.vector_norm(self.command, dim=-1)
+
+    def state_dict(self) -> dict[str, object]:
+        """Everything that makes the next step what it is."""
+        tensors = {key: getattr(self, key) for key in _STATE}
+        return {
+            "physics": self.physics.state_dict(),
+            "draw": self.draw.get_state(),
+            "feet": self.feet.state_dict(),
+            "diverged_total": self.diverged_total,
+            **tensors,
+        }
+
+    def load_state_dict(self, state: dict[str, object]) -> None:
+        """Restore :meth:`state_dict`; the world parameters come from the seed, which must be the same."""
+        self.physics.load_state_dict(state["physics"])
+        self.draw.set_state(state["draw"])
+        self.feet.load_state_dict(state["feet"])
+        self.diverged_total = int(state["diverged_total"])
+        for key in _STATE:
+            setattr(self, key, state[key].to(self.device))
+        self._read()
+
+    def _read(self) -> None:
+        self.state = RobotState.from_generalized(self.physics.qpos, self.physics.qvel)
+
+    def _reward(self) -> torch.Tensor:
+        total = torch.zeros(self.num_worlds, device=self.device)
+        for name, weight in self.task.rewards:
+            total += weight * REWARDS[name](self)
+        return (total.clamp_min(0.0) if self.task.clip_reward else total) * CONTROL_DT
+
+    def _push(self) -> None:
+        strength = self.task.randomisation.push
+        ids = torch.nonzero(self.steps >= self._push_at).flatten()
+        if strength == 0.0 or not len(ids):
+            return
+        velocity = uniform(((-strength, strength),) * 6, len(ids), self.draw)
+        velocity[:, 2] = 0.0
+        self.physics.push(ids, velocity.to(self.device))
+        self._read()
+        self._push_at[ids] = self.steps[ids] + self._later(self.task.randomisation.push_interval_s, ids)
+
+    def _resample(self) -> None:
+        if self.task.command is None or self.task.resample_s is None:
+            return
+        ids = torch.nonzero(self.steps >= self._resample_at).flatten()
+        if len(ids):
+            origin = torch.zeros(len(ids), 3, device=self.device)
+            self.command[ids] = self.task.command.sample(origin, self.draw)
+            self._resample_at[ids] = self.steps[ids] + self._later(self.task.resample_s, ids)
+
+    def _later(self, seconds: tuple[float, float] | None, ids: torch.Tensor) -> torch.Tensor:
+        if seconds is None:
+            return torch.full((len(ids),), self.task.episode_steps + 1, device=self.device)
+        return (uniform((seconds,), len(ids), self.draw)[:, 0] / CONTROL_DT).long().to(self.device)
+
+    def _default_starts(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """(K, 7 + J), (K, 6 + J): standing with the feet on the ground, anywhere, any heading."""
+        start, pi = self.task.reset, torch.pi
+        qpos = torch.zeros(count, 7 + self.num_actions)
+        planar = uniform(((-start.position, start.position),) * 2 + ((-pi, pi),), count, self.draw)
+        qpos[:, :2], qpos[:, 2] = planar[:, :2], self.default_height
+        qpos[:, 3:7] = heading_quat(planar[:, 2] if start.position > 0.0 else torch.zeros(count))
+        scale = uniform((start.joint_scale,) * self.num_actions, count, self.draw)
+        qpos[:, 7:] = self.default_joint_pos.cpu() * scale
+        qvel = torch.zeros(count, 6 + self.num_actions)
+        qvel[:, :3] = uniform(((-start.lin_vel, start.lin_vel),) * 3, count, self.draw)
+        qvel[:, 3:6] = uniform(((-start.ang_vel, start.ang_vel),) * 3, count, self.draw)
+        return qpos, qvel
+
+    def _clip_starts(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """(K, 7 + J), (K, 6 + J): a random moment of a random clip, heading re-drawn, velocities turned with it."""
+        clips, times = self.motions.sample(count, generator=self.draw)
+        frames = self.motions.frames(clips, times)
+        heading = heading_quat(uniform(((-torch.pi, torch.pi),), count, self.draw)[:, 0])
+        quat = multiply(heading, frames.root_quat.cpu())
+        position = torch.zeros(count, 3)
+        position[:, 2] = frames.root_pos[:, 2].cpu()
+        qpos = torch.cat((position, quat, frames.joint_pos.cpu()), dim=-1)
+        linear = rotate(quat, frames.root_lin_vel_b.cpu())
+        qvel = torch.cat((linear, frames.root_ang_vel_b.cpu(), frames.joint_vel.cpu()), dim=-1)
+        return qpos, qvel
+
+
+_STATE = ("steps", "action", "command", "_resample_at", "_push_at")
+
+
+def heading_quat(yaw: torch.Tensor) -> torch.Tensor:
+    """(K, 4) wxyz rotation by ``yaw`` (K,) [rad] about the vertical."""
+    quat = torch.zeros(len(yaw), 4)
+    quat[:, 0], quat[:, 3] = torch.cos(yaw / 2), torch.sin(yaw / 2)
+    return quat
+
+
+def draw_parameters(config: Randomisation, count: int, draw: torch.Generator) -> WorldParameters:
+    """Independent uniform parameters for ``count`` worlds."""
+    com = config.base_com
+    ranges = (config.friction, config.mass_scale, config.inertia_scale, *((-com, com),) * 3)
+    columns = uniform(ranges, count, draw)
+    return WorldParameters(columns[:, 0], columns[:, 1], columns[:, 2], columns[:, 3:6])
+
+
+def without_randomisation(task: Task, **changes: object) -> Task:
+    """The task as it is evaluated or recorded: no observation noise, plus any further field changes."""
+    return replace(task, noise=0.0, **changes)

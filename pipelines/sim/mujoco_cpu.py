@@ -1,0 +1,110 @@
+"""The CPU engine: MuJoCo 4's native multithreaded batch (bit-reproducible at any number of threads)."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import torch
+from mujoco.batch import Batch
+
+from lacoloco.pipelines.sim.physics import PHYSICS_DT, SUBSTEPS, PhysicsRequest, WorldParameters, monitored_bodies
+
+_FATAL = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")]
+
+
+class BatchPhysics:
+    """:class:`~lacoloco.pipelines.sim.physics.Physics` on ``mujoco.batch.Batch``.
+
+    Only generalised coordinates and sensors are read, and both are current after a step without a further forward pass:
+    kinematics and collision run four times per control step, not five.
+    """
+
+    def __init__(self, request: PhysicsRequest) -> None:
+        """Compile the robot and allocate the worlds, all in the model's default state."""
+        spec, self.num_worlds = request.spec, request.num_worlds
+        self.device = torch.device("cpu")
+        self.model = spec.compile(timestep=PHYSICS_DT, training_limits=request.training_limits)
+        self.monitored = monitored_bodies(spec)
+        self._batch = Batch(self.model, self.num_worlds, nthread=request.threads)
+        self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._feet = np.stack([_columns(self.model, f"force_{body}") for body in spec.feet])
+        self._bodies = np.stack([_columns(self.model, f"force_{body}") for body in self.monitored])
+        bodies = {self.model.body(name).id for name in spec.feet}
+        self._foot_geoms = [g for g in range(self.model.ngeom) if self.model.geom_bodyid[g] in bodies]
+        self._base = int(self.model.jnt_bodyid[0])
+        self._warned = self._fatal_warnings()
+        self._record: dict[str, np.ndarray] | None = None
+        self.step(torch.zeros(self.num_worlds, self.model.nu))
+        self.reset(torch.arange(self.num_worlds), *self._default_state())
+
+    def step(self, targets: torch.Tensor) -> None:
+        """Hold joint targets (N, J) [rad] for one control step; see the contract."""
+        self._ctrl[:] = targets.numpy()
+        # A dict of (N, S, ...) arrays, one row per substep, written in place from the second call on.
+        self._record = self._batch.rollout(SUBSTEPS, record=("sensordata", "actuator_force"), out=self._record)
+        sensors = self._record["sensordata"]
+        self.foot_force = torch.from_numpy(_norms(sensors, self._feet)).float()
+        self.body_force = torch.from_numpy(_norms(sensors, self._bodies).max(axis=1)).float()
+        self.torque = torch.from_numpy(self._record["actuator_force"][:, -1]).float()
+        warned = self._fatal_warnings()
+        self.diverged, self._warned = torch.from_numpy(warned != self._warned), warned
+        self._refresh()
+
+    def reset(self, ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
+        """Put worlds ``ids`` into the given states; see the contract."""
+        rows = ids.numpy()
+        if not len(rows):
+            return
+        self._batch.reset(rows, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self._qpos[rows], self._qvel[rows] = qpos.numpy(), qvel.numpy()
+        self._ctrl[rows] = qpos[:, 7:].numpy()
+        self._warned = self._fatal_warnings()
+        self._refresh()
+
+    def push(self, ids: torch.Tensor, velocity: torch.Tensor) -> None:
+        """Add root velocity to worlds ``ids``; see the contract."""
+        self._qvel[ids.numpy(), :6] += velocity.numpy()
+        self._refresh()
+
+    def set_parameters(self, parameters: WorldParameters) -> None:
+        """Give every world its own friction, masses, inertias and centre of mass."""
+        scale = parameters.mass_scale.double().numpy()[:, None]
+        inertia = scale * parameters.inertia_scale.double().numpy()[:, None]
+        self._batch.expand("geom_friction")[:, self._foot_geoms, 0] = parameters.friction.numpy()[:, None]
+        self._batch.expand("body_mass")[:] = self.model.body_mass * scale
+        self._batch.expand("body_inertia")[:] = self.model.body_inertia * inertia[..., None]
+        centre = self.model.body_ipos[self._base] + parameters.base_com_offset.numpy()
+        self._batch.expand("body_ipos")[:, self._base] = centre
+        self._batch.set_const()
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Everything the engine needs to go on bit for bit: (N, nstate) float64 rows, warm starts included."""
+        return {"rows": torch.from_numpy(self._batch.state.copy())}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore :meth:`state_dict`."""
+        self._batch.state[:] = state["rows"].numpy()
+        self._refresh()
+
+    def _default_state(self) -> tuple[torch.Tensor, torch.Tensor]:
+        qpos = torch.from_numpy(self.model.qpos0).float().repeat(self.num_worlds, 1)
+        return qpos, torch.zeros(self.num_worlds, self.model.nv)
+
+    def _fatal_warnings(self) -> np.ndarray:
+        # (N, warning type, (last info, count)): MuJoCo resets a bad world by itself and only counts it here.
+        return self._batch.warning[:, _FATAL, 1].sum(axis=1)
+
+    def _refresh(self) -> None:
+        # New tensors every time: callers keep the previous step's without copying.
+        self.qpos = torch.from_numpy(self._qpos).float()
+        self.qvel = torch.from_numpy(self._qvel).float()
+
+
+def _columns(model: mujoco.MjModel, sensor: str) -> np.ndarray:
+    start = model.sensor(sensor).adr[0]
+    return np.arange(start, start + 3)
+
+
+def _norms(sensors: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(N, S, sensors) and (B, 3) column numbers -> (N, S, B) norms."""
+    return np.sqrt(np.square(sensors[..., columns]).sum(axis=-1))

@@ -1,0 +1,87 @@
+"""Reward terms: environment after a step -> (N,) reward per control step. Tasks list them by name with a weight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import torch
+
+from lacoloco.pipelines.sim.physics import CONTROL_DT
+
+if TYPE_CHECKING:
+    from lacoloco.pipelines.sim.env import LeggedEnv
+
+
+def track_planar_velocity(env: LeggedEnv) -> torch.Tensor:
+    """exp(-|v_xy - v_xy*|^2 / 0.25), base frame (facts 2.3)."""
+    error = env.state.lin_vel_b[:, :2] - env.command[:, :2]
+    return torch.exp(-error.square().sum(dim=-1) / 0.25)
+
+
+def track_yaw_rate(env: LeggedEnv) -> torch.Tensor:
+    """exp(-(w_z - w_z*)^2 / 0.25) (facts 2.3)."""
+    return torch.exp(-(env.state.ang_vel_b[:, 2] - env.command[:, 2]).square() / 0.25)
+
+
+def reach(env: LeggedEnv) -> torch.Tensor:
+    """exp(-10 |p_ee - p*|), the paper's task reward."""
+    return torch.exp(-10.0 * env.target_error())
+
+
+def approach(env: LeggedEnv) -> torch.Tensor:
+    """exp(-|p_ee - p*| / 0.8): a wide slope for the expert that must first lift its foot (facts 2.5)."""
+    return torch.exp(-env.target_error() / 0.8)
+
+
+def joint_speed(env: LeggedEnv) -> torch.Tensor:
+    """Sum of squared joint velocities [rad^2/s^2]."""
+    return env.state.joint_vel.square().sum(dim=-1)
+
+
+def joint_torque(env: LeggedEnv) -> torch.Tensor:
+    """Sum of squared torques [N^2 m^2]."""
+    return env.physics.torque.square().sum(dim=-1)
+
+
+def action_change(env: LeggedEnv) -> torch.Tensor:
+    """Sum of squared changes of the raw action."""
+    return (env.action - env.previous_action).square().sum(dim=-1)
+
+
+def joint_acceleration(env: LeggedEnv) -> torch.Tensor:
+    """Sum of squared mean joint accelerations of the step [rad^2/s^4]."""
+    return ((env.state.joint_vel - env.previous.joint_vel) / CONTROL_DT).square().sum(dim=-1)
+
+
+def tilt(env: LeggedEnv) -> torch.Tensor:
+    """Squared horizontal part of the projected gravity."""
+    return env.state.gravity_b[:, :2].square().sum(dim=-1)
+
+
+def vertical_motion(env: LeggedEnv) -> torch.Tensor:
+    """v_z^2 + 0.05 (w_x^2 + w_y^2), base frame."""
+    return env.state.lin_vel_b[:, 2].square() + 0.05 * env.state.ang_vel_b[:, :2].square().sum(dim=-1)
+
+
+def posture(env: LeggedEnv) -> torch.Tensor:
+    """Sum of squared joint deviations from the default pose [rad^2]."""
+    return (env.state.joint_pos - env.default_joint_pos).square().sum(dim=-1)
+
+
+REWARDS: dict[str, Callable[[LeggedEnv], torch.Tensor]] = {
+    function.__name__: function
+    for function in (
+        track_planar_velocity,
+        track_yaw_rate,
+        reach,
+        approach,
+        joint_speed,
+        joint_torque,
+        action_change,
+        joint_acceleration,
+        tilt,
+        vertical_motion,
+        posture,
+    )
+}

@@ -1,0 +1,169 @@
+"""What every training shares: the loop over iterations, its log, its checkpoints and its end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+from lacoloco.datasets.artifact import read_artifact, write_artifact
+from lacoloco.datasets.state import flatten_state, unflatten_state
+
+from lacoloco.pipelines.stage import StageContext
+
+CHECKPOINT_SECONDS = 60.0
+
+
+class Trainer(Protocol):
+    """One training, an iteration at a time. Its state must make the next iteration what it would have been."""
+
+    samples_per_iteration: int
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """Collect a rollout and learn from it; ``progress`` in [0, 1) is the share of the training already done."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, optimisers, environment, generators."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore :meth:`state_dict`."""
+
+
+def train(
+    trainer: Trainer,
+    iterations: int,
+    directory: Path,
+    context: StageContext,
+    description: str,
+    shown: tuple[str, ...] = (),
+    config: dict[str, Any] | None = None,
+) -> dict[str, float]:
+    """Run the training to its end, from its checkpoint if there is one.
+
+    Ctrl-C is taken at the end of the running iteration: the checkpoint then holds exactly that iteration.
+
+    Args:
+        trainer: what to train.
+        iterations: how many iterations in all.
+        directory: where ``<description>.checkpoint.h5``, ``metrics.jsonl`` and TensorBoard events go.
+        context: seed, progress and whether to resume.
+        description: name of the training, unique in the directory.
+        shown: the figures to show while it runs.
+        config: written into the checkpoint.
+
+    Returns:
+        The last iteration's figures with ``samples``, ``seconds`` and ``samples_per_second``.
+
+    Raises:
+        KeyboardInterrupt: after the checkpoint was written.
+    """
+    checkpoint = directory / f"{description.replace(' ', '-')}.checkpoint.h5"
+    start, elapsed, figures = _restore(trainer, checkpoint)
+    total = iterations * trainer.samples_per_iteration
+    context.progress.start(description, total)
+    begin = saved = time.monotonic()
+    with MetricsLog(directory, description) as log, _deferred_interrupt() as interrupted:
+        for iteration in range(start, iterations):
+            figures = trainer.iterate(iteration / iterations)
+            samples = (iteration + 1) * trainer.samples_per_iteration
+            log.write(samples, figures)
+            context.progress.advance(samples, **{name: figures[name] for name in shown if name in figures})
+            now = time.monotonic()
+            if interrupted() or now - saved > CHECKPOINT_SECONDS:
+                _save(trainer, checkpoint, iteration + 1, elapsed + now - begin, figures, context, config or {})
+                saved = now
+            if interrupted():
+                raise KeyboardInterrupt
+    context.progress.stop()
+    checkpoint.unlink(missing_ok=True)
+    seconds = elapsed + time.monotonic() - begin
+    return figures | {"samples": total, "seconds": seconds, "samples_per_second": total / max(seconds, 1e-9)}
+
+
+class MetricsLog:
+    """``metrics.jsonl`` and TensorBoard events of one training, appended to when it resumes."""
+
+    def __init__(self, directory: Path, name: str) -> None:
+        """Open both in ``directory``; ``name`` prefixes the TensorBoard tags."""
+        from torch.utils.tensorboard import SummaryWriter
+
+        self.name = name
+        self._lines = (directory / "metrics.jsonl").open("a")
+        self._events = SummaryWriter(str(directory / "tensorboard"))
+
+    def __enter__(self) -> MetricsLog:
+        """Use as a context manager."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close both."""
+        self._lines.close()
+        self._events.close()
+
+    def write(self, samples: int, figures: dict[str, float]) -> None:
+        """Log one iteration's figures at ``samples`` control steps."""
+        self._lines.write(json.dumps({"training": self.name, "samples": samples, **figures}) + "\n")
+        self._lines.flush()
+        for name, value in figures.items():
+            self._events.add_scalar(f"{self.name}/{name}", value, samples)
+
+
+def _save(
+    trainer: Trainer,
+    path: Path,
+    iteration: int,
+    elapsed: float,
+    figures: dict[str, float],
+    context: StageContext,
+    config: dict[str, Any],
+) -> None:
+    state = {"trainer": trainer.state_dict(), "torch_rng": torch.get_rng_state(), "figures": figures}
+    arrays, structure = flatten_state(state)
+    metadata = {"structure": structure, "iteration": iteration, "elapsed_s": elapsed}
+    write_artifact(
+        path,
+        "lacoloco/checkpoint",
+        arrays,
+        metadata=metadata,
+        config=config,
+        seed=context.seed,
+        robot=None,
+        command=context.command,
+        replace=True,
+    )
+
+
+def _restore(trainer: Trainer, path: Path) -> tuple[int, float, dict[str, float]]:
+    if not path.exists():
+        return 0, 0.0, {}
+    artifact = read_artifact(path, "lacoloco/checkpoint")
+    state = unflatten_state(artifact.arrays, artifact.metadata["structure"])
+    trainer.load_state_dict(state["trainer"])
+    torch.set_rng_state(state["torch_rng"])
+    return int(artifact.metadata["iteration"]), float(artifact.metadata["elapsed_s"]), state["figures"]
+
+
+@contextmanager
+def _deferred_interrupt() -> Iterator:
+    """Turn the first Ctrl-C into a flag; the second one acts at once. Only the main thread can."""
+    seen: list[int] = []
+
+    def note(number: int, frame: object) -> None:
+        if seen:
+            raise KeyboardInterrupt
+        seen.append(number)
+
+    try:
+        previous = signal.signal(signal.SIGINT, note)
+    except ValueError:
+        yield lambda: False
+        return
+    try:
+        yield lambda: bool(seen)
+    finally:
+        signal.signal(signal.SIGINT, previous)
