@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import re
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -64,10 +62,11 @@ def doctor(session: Session) -> None:
 
 def check_python() -> Check:
     """Is this Python one that the project is made for?"""
+    from packaging.specifiers import SpecifierSet
+
     wanted = metadata.metadata("lacoloco")["Requires-Python"]
     found = platform.python_version()
-    lowest, highest = re.findall(r"3\.(\d+)", wanted)
-    ok = int(lowest) <= sys.version_info.minor < int(highest) and sys.version_info.major == 3
+    ok = SpecifierSet(wanted).contains(found)
     return Check("python", ok, found, "" if ok else f"use Python {wanted}")
 
 

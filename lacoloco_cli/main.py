@@ -73,6 +73,7 @@ def _usage_error(error: typer.TyperException, arguments: Sequence[str]) -> int:
 
 
 app = typer.Typer(
+    name="lacoloco",
     cls=FrontDoor,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -135,17 +135,16 @@ def _parsed_tuple(text: str, items: tuple[Any, ...], path: str) -> tuple[Any, ..
 
 def _parsed_number(text: str, kind: type, path: str) -> int | float:
     try:
+        if kind is int and text.lstrip("+-").replace("_", "").isdigit():
+            return int(text)  # not through float, which has 53 bits
         number = float(text)
         if number != number:
             raise ValueError("not a number")
-        if kind is float:
-            return number
-        whole = int(text) if text.lstrip("+-").replace("_", "").isdigit() else int(number)
+        if kind is int and number != int(number):
+            raise ValueError("not a whole number")
     except (ValueError, OverflowError) as error:
-        raise _wrong(path, text, _name(kind)) from error
-    if whole != number:
-        raise _wrong(path, text, "int")
-    return whole
+        raise _wrong(path, text, kind.__name__) from error
+    return kind(number)
 
 
 def _wrong(path: str, text: str, expected: str) -> OverrideError:

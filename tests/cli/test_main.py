@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from lacoloco_cli.main import VERBS, app
+
+HEAVY = ("torch", "numpy", "h5py", "mujoco", "pinocchio", "casadi", "meshcat", "onnx")
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, list(arguments))
+
+
+def test_help_lists_every_verb_in_the_order_of_the_chain():
+    result = invoke("--help")
+    assert result.exit_code == 0
+    places = [result.stdout.find(f" {name} ") for name in VERBS]
+    assert -1 not in places
+    assert places == sorted(places)
+
+
+def test_no_arguments_is_help():
+    assert invoke().stdout == invoke("--help").stdout
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys\n"
+        "from lacoloco_cli.main import app\n"
+        "try:\n    app(['--help'])\n"
+        "except SystemExit:\n    pass\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stderr.strip() == "[]"
+
+
+def test_version():
+    assert invoke("--version").stdout.startswith("lacoloco 0.")
+
+
+def test_misspelt_verb_is_refused_with_the_nearest():
+    result = invoke("retraget")
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
+    assert result.stderr.startswith("error: ") and "'retarget'" in result.stderr
+
+
+def test_misspelt_option_is_one_line_also_as_json():
+    result = invoke("doctor", "--jsn", "--json")
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    failure = json.loads(result.stdout)
+    assert failure["exit_code"] == 2 and "--jsn" in failure["error"]
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_answers_help(name):
+    result = invoke(name, "--help")
+    assert result.exit_code == 0, result.output
+    assert f"lacoloco {name}" in result.stdout

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from lacoloco_cli.overrides import OverrideError, apply_overrides, field_paths
+
+
+@dataclass(frozen=True)
+class Ppo:
+    learning_rate: float = 1e-3
+    epochs: int = 5
+    hidden: tuple[int, ...] = (512, 256)
+    clip_range: tuple[float, float] = (0.8, 1.2)
+    schedule: Literal["fixed", "adaptive"] = "adaptive"
+
+    def __post_init__(self):
+        if self.epochs < 1:
+            raise ValueError("epochs must be at least 1")
+
+
+@dataclass(frozen=True)
+class Stage:
+    samples: int = 3_000_000
+    constrained: bool = True
+    name: str = "ase"
+    log: Path = Path("log")
+    limit: float | None = None
+    label: str | None = None
+    ppo: Ppo = field(default_factory=Ppo)
+    tables: dict[str, float] = field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "read", "expected"),
+    [
+        ("samples=4096", lambda c: c.samples, 4096),
+        ("samples=3e6", lambda c: c.samples, 3_000_000),
+        ("samples=9_007_199_254_740_993", lambda c: c.samples, 9_007_199_254_740_993),
+        ("constrained=false", lambda c: c.constrained, False),
+        ("constrained=Yes", lambda c: c.constrained, True),
+        ("name=gan=1", lambda c: c.name, "gan=1"),
+        ("log=a/b", lambda c: c.log, Path("a/b")),
+        ("limit=0.5", lambda c: c.limit, 0.5),
+        ("limit=none", lambda c: c.limit, None),
+        ("label=none", lambda c: c.label, None),
+        ("label=walk", lambda c: c.label, "walk"),
+        ("ppo.learning_rate=1e-4", lambda c: c.ppo.learning_rate, 1e-4),
+        ("ppo.hidden=64,32,16", lambda c: c.ppo.hidden, (64, 32, 16)),
+        ("ppo.hidden=(8,)", lambda c: c.ppo.hidden, (8,)),
+        ("ppo.clip_range=[0.9, 1.1]", lambda c: c.ppo.clip_range, (0.9, 1.1)),
+        ("ppo.schedule=fixed", lambda c: c.ppo.schedule, "fixed"),
+        (" ppo . epochs = 7", lambda c: c.ppo.epochs, 7),
+    ],
+)
+def test_value_is_read_by_the_annotation(assignment, read, expected):
+    value = read(apply_overrides(Stage(), [assignment]))
+    assert value == expected
+    assert type(value) is type(expected)
+
+
+def test_the_config_given_is_not_changed_and_the_rest_is_kept():
+    before = Stage(name="mine", ppo=Ppo(epochs=3))
+    after = apply_overrides(before, ["ppo.learning_rate=2e-4", "samples=10"])
+    assert before == Stage(name="mine", ppo=Ppo(epochs=3))
+    assert after == Stage(name="mine", samples=10, ppo=Ppo(epochs=3, learning_rate=2e-4))
+
+
+def test_the_last_of_two_settings_wins():
+    assert apply_overrides(Stage(), ["samples=1", "samples=2"]).samples == 2
+
+
+@pytest.mark.parametrize(
+    ("assignment", "names"),
+    [
+        ("sampels=1", ["sampels", "did you mean 'samples'"]),
+        ("ppo.learning_rat=1", ["did you mean 'ppo.learning_rate'"]),
+        ("learning_rate=1", ["did you mean 'ppo.learning_rate'"]),
+        ("pop.epochs=1", ["did you mean 'ppo.epochs'"]),
+        ("zzz=1", ["zzz", "keys here: samples, constrained"]),
+        ("samples=many", ["samples", "expected int", "'many'"]),
+        ("samples=1.5", ["expected int", "'1.5'"]),
+        ("samples=inf", ["expected int"]),
+        ("ppo.learning_rate=nan", ["expected float"]),
+        ("ppo.learning_rate=", ["expected float"]),
+        ("constrained=maybe", ["expected true or false", "'maybe'"]),
+        ("ppo.schedule=cosine", ["expected one of fixed, adaptive", "'cosine'"]),
+        ("ppo.clip_range=1", ["expected 2 values"]),
+        ("ppo.hidden=64,big", ["expected int", "'big'"]),
+        ("limit=high", ["float | None", "'high'"]),
+        ("ppo=1", ["group", "ppo.learning_rate"]),
+        ("samples.more=1", ["'samples' is a value"]),
+        ("tables=1", ["tables", "cannot be set here"]),
+        ("ppo.epochs=0", ["ppo.epochs=0", "epochs must be at least 1"]),
+        ("samples", ["path.to.field=value"]),
+        ("=1", ["path.to.field=value"]),
+        ("ppo..epochs=1", ["path.to.field=value"]),
+    ],
+)
+def test_mistake_is_refused_in_one_line_that_names_it(assignment, names):
+    with pytest.raises(OverrideError) as caught:
+        apply_overrides(Stage(), [assignment])
+    message = str(caught.value)
+    assert "\n" not in message
+    for name in names:
+        assert name in message
+
+
+def test_field_paths_lists_every_leaf():
+    assert list(field_paths(Ppo())) == [
+        "learning_rate",
+        "epochs",
+        "hidden",
+        "clip_range",
+        "schedule",
+    ]
+    assert "ppo.epochs" in set(field_paths(Stage()))

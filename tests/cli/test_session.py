@@ -1,0 +1,200 @@
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from lacoloco.datasets.errors import DatasetError
+from lacoloco.pipelines.errors import StageError
+from lacoloco.robots.errors import RobotError
+from lacoloco_cli.failures import UserError
+from lacoloco_cli.options import READING
+from lacoloco_cli.session import Session, verb
+
+
+@dataclass(frozen=True)
+class Config:
+    samples: int = 100
+
+
+PRESETS = {"smoke": lambda: Config(samples=1), "laptop": Config}
+
+
+def command_of(body, **settings):
+    app = typer.Typer()
+    verb(app, **settings)(body)
+    return app
+
+
+def invoke(body, *arguments, **settings):
+    return CliRunner().invoke(command_of(body, **settings), list(arguments))
+
+
+def test_own_and_shared_options_reach_the_body():
+    seen = {}
+
+    def body(
+        session: Session,
+        paths: Annotated[list[Path] | None, typer.Argument()] = None,
+        disc: Annotated[str, typer.Option("--disc")] = "drail",
+    ) -> None:
+        seen.update(session=session, paths=paths, disc=disc)
+
+    arguments = "a.bvh b.bvh --disc gan --run r --preset smoke --set samples=2 --set samples=3"
+    result = invoke(body, *arguments.split(), "--seed", "4", "--resume", "--quiet")
+    assert result.exit_code == 0, result.output
+    session = seen["session"]
+    assert (seen["paths"], seen["disc"]) == ([Path("a.bvh"), Path("b.bvh")], "gan")
+    assert (session.run, session.preset, session.seed) == ("r", "smoke", 4)
+    assert list(session.overrides) == ["samples=2", "samples=3"]
+    assert session.resume and session.quiet and not session.debug
+    assert session.config(PRESETS) == Config(samples=3)
+    assert list(session.seeds(3)) == [4, 5, 6]
+
+
+def test_answer_is_one_line_per_key_without_json():
+    result = invoke(lambda session: session.answer({"artifact": "a.h5", "samples": 3}))
+    assert result.stdout == "artifact: a.h5\nsamples: 3\n"
+
+
+def test_json_is_the_only_thing_on_stdout():
+    def body(session: Session) -> None:
+        sys.stdout.write("a library talks\n")
+        session.progress.say("training experts")
+        session.answer({"artifact": Path("a.h5"), "loss": np.float32(0.5), "bad": math.nan})
+
+    result = invoke(body, "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout) == {"artifact": "a.h5", "loss": 0.5, "bad": None}
+    assert "a library talks" in result.stderr
+    assert "training experts" in result.stderr
+
+
+def test_json_keeps_out_what_c_code_prints():
+    code = (
+        "import os\n"
+        "from lacoloco_cli.session import Session, guarded\n"
+        "session = Session(verb='retarget', as_json=True)\n"
+        "with guarded(session):\n"
+        "    os.write(1, b'Ipopt says hello\\n')\n"
+        "    session.answer({'frames': 3})\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(ran.stdout) == {"frames": 3}
+    assert ran.stderr == "Ipopt says hello\n"
+
+
+@pytest.mark.parametrize("kind", [DatasetError, RobotError, StageError, UserError])
+def test_mistake_of_the_user_is_one_line_and_exit_code_2(kind):
+    def body(session: Session) -> None:
+        raise kind("dog.bvh:\n  has no frames;\n  record again")
+
+    result = invoke(body)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr == "error: dog.bvh: has no frames; record again\n"
+
+
+def test_bug_is_one_line_and_exit_code_1():
+    result = invoke(lambda session: {}["key"])
+    assert result.exit_code == 1
+    assert result.stderr.count("\n") == 1
+    assert "KeyError" in result.stderr and "--debug" in result.stderr
+
+
+def test_debug_shows_the_traceback():
+    result = invoke(lambda session: {}["key"], "--debug")
+    assert result.exit_code == 1
+    assert "Traceback (most recent call last)" in result.stderr
+
+
+def test_error_is_an_object_with_json():
+    def body(session: Session) -> None:
+        raise StageError("low level is for h1; use --robot h1")
+
+    result = invoke(body, "--json")
+    assert result.exit_code == 2
+    failure = {"error": "low level is for h1; use --robot h1", "exit_code": 2}
+    assert json.loads(result.stdout) == failure
+    assert result.stderr.startswith("error: ")
+
+
+def test_interruption_prints_the_command_that_continues():
+    def body(session: Session) -> None:
+        session.context()
+        raise KeyboardInterrupt
+
+    app = typer.Typer()
+    verb(app)(body)
+    result = CliRunner().invoke(
+        app, ["--run", "r"], obj={"arguments": ["train-low", "--run", "r", "--label=a b"]}
+    )
+    assert result.exit_code == 130
+    assert "lacoloco train-low --run r '--label=a b' --resume" in result.stderr
+
+
+def test_resume_command_names_the_run_and_resumes_once():
+    session = Session(verb="train-low", arguments=["train-low", "--resume"], run="r")
+    assert session.resume_command() == "lacoloco train-low --resume --run r"
+
+
+def test_body_may_answer_and_still_choose_its_exit_code():
+    def body(session: Session) -> None:
+        session.answer({"ok": False})
+        raise typer.Exit(2)
+
+    result = invoke(body, "--json", shared=READING)
+    assert result.exit_code == 2
+    assert json.loads(result.stdout) == {"ok": False}
+
+
+def test_unknown_preset_lists_the_known_ones():
+    result = invoke(lambda session: session.config(PRESETS), "--preset", "large")
+    assert result.exit_code == 2
+    assert "--preset large" in result.stderr and "smoke, laptop" in result.stderr
+
+
+def test_unknown_key_is_a_mistake_of_the_user():
+    result = invoke(lambda session: session.config(PRESETS), "--set", "sample=1")
+    assert result.exit_code == 2
+    assert "'samples'" in result.stderr
+
+
+@pytest.mark.parametrize("device", ["tpu", "cuda"])
+def test_device_that_is_not_there_is_refused(device, monkeypatch):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    result = invoke(lambda session: session.context(), "--device", device)
+    assert result.exit_code == 2
+    assert f"--device {device}" in result.stderr
+
+
+def test_run_defaults_to_the_one_used_last():
+    names = []
+
+    def body(session: Session) -> None:
+        names.append(session.context().run)
+
+    for arguments in ([], ["--run", "dog"], [], ["--run", "cat"], []):
+        assert invoke(body, *arguments).exit_code == 0
+    assert names == ["default", "dog", "dog", "cat", "cat"]
+
+
+def test_context_carries_the_options():
+    contexts = []
+    arguments = ["--seed", "3", "--resume", "--quiet"]
+    result = invoke(lambda session: contexts.append(session.context()), *arguments)
+    assert result.exit_code == 0, result.output
+    (context,) = contexts
+    assert (context.seed, context.device, context.resume) == (3, "cpu", True)
+    assert context.command.startswith("lacoloco")
