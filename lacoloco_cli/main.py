@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
@@ -54,19 +55,21 @@ class FrontDoor(typer.core.TyperGroup):
         extra |= {"standalone_mode": False, "obj": {"arguments": arguments}}
         try:
             code = super().main(args=arguments or ["--help"], **extra)
-        except typer.TyperException as error:
-            code = _usage_error(error, arguments)
+        except Exception as error:  # a usage error, or a verb that cannot even be imported
+            code = _refuse(error, arguments)
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def _usage_error(error: typer.TyperException, arguments: Sequence[str]) -> int:
+def _refuse(error: Exception, arguments: Sequence[str]) -> int:
     if type(error).__name__ == "NoArgsIsHelpError":  # its message is the help text
-        typer.echo(error.format_message(), err=True)
+        typer.echo(str(error), err=True)
         return USER_MISTAKE
+    if "--debug" in arguments:
+        traceback.print_exception(error)
     line, code = explain(error)
     typer.echo(f"error: {line}", err=True)
     if "--json" in arguments:
-        from lacoloco_cli.session import to_json
+        from lacoloco_cli.json_output import to_json
 
         typer.echo(to_json({"error": line, "exit_code": code}))
     return code

@@ -7,11 +7,8 @@ runs it and turns whatever happens into one line and an exit code.
 from __future__ import annotations
 
 import inspect
-import json
-import math
 import os
 import shlex
-import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,8 +20,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lacoloco_cli import console, options
+from lacoloco_cli import console, options, resume
 from lacoloco_cli.failures import INTERRUPTED, UserError, explain
+from lacoloco_cli.json_output import stdout_kept_clean, to_json
 from lacoloco_cli.overrides import apply_overrides
 
 if TYPE_CHECKING:
@@ -91,6 +89,8 @@ class Session:
 
         check_device(self.device)
         self.store.use(self.run_name)
+        if not self.resume:
+            resume.remember(self.store, self.run_name, self.verb, self.arguments[1:])
         return StageContext(
             store=self.store,
             run=self.run_name,
@@ -123,12 +123,24 @@ class Session:
 
     def resume_command(self) -> str:
         """The command that continues this call after an interruption."""
-        arguments = list(self.arguments)
-        if "--run" not in arguments and not any(a.startswith("--run=") for a in arguments):
-            arguments += ["--run", self.run_name]
-        if "--resume" not in arguments:
-            arguments.append("--resume")
-        return shlex.join(["lacoloco", *arguments])
+        return shlex.join(["lacoloco", self.verb, "--run", self.run_name, "--resume"])
+
+    def recall(self, context: typer.Context) -> dict[str, Any]:
+        """With `--resume`: take what was typed the first time and not again now.
+
+        Returns:
+            The verb's own options among them; the shared ones are taken over here.
+        """
+        before = resume.recall(self.store, self.run_name, self.verb)
+        options_before = resume.fill_in(context, before)
+        self.arguments = [self.verb, *before, *self.arguments[1:]]
+        own = {}
+        for name, value in options_before.items():
+            if name in ("preset", "overrides", "seed", "device"):
+                setattr(self, name, value)
+            elif not hasattr(self, name):
+                own[name] = value
+        return own
 
 
 def verb(
@@ -155,9 +167,11 @@ def verb(
         def command(ctx: typer.Context, **values: Any) -> None:
             given = {key: values.pop(key) for key in names}
             given["overrides"] = given.get("overrides") or ()
-            arguments = (ctx.obj or {}).get("arguments") or ctx.command_path.split()[1:]
+            arguments = (ctx.obj or {}).get("arguments") or [ctx.info_name]
             session = Session(verb=ctx.info_name or "", arguments=arguments, **given)
             with guarded(session):
+                if session.resume:
+                    values |= session.recall(ctx)
                 body(session, **values)
 
         parameters = [Parameter("ctx", Parameter.POSITIONAL_ONLY, annotation=typer.Context)]
@@ -179,7 +193,7 @@ def guarded(session: Session) -> Iterator[None]:
     one object: the answer, or `{"error": ..., "exit_code": ...}`.
     """
     code, line = 0, ""
-    with _stdout_kept_clean(session.as_json):
+    with stdout_kept_clean(session.as_json):
         try:
             yield
         except BrokenPipeError:
@@ -228,53 +242,6 @@ def check_device(device: str) -> None:
         raise UserError("--device cuda: torch finds no CUDA device; use --device cpu")
     if find_spec("mujoco_warp") is None:
         raise UserError("--device cuda: MuJoCo Warp is missing; pip install 'lacoloco[gpu]'")
-
-
-def to_json(value: Any) -> str:
-    """Write one JSON object on one line; numbers that JSON lacks (NaN, inf) become null."""
-    return json.dumps(_plain(value), allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):  # numpy and torch, scalars and arrays
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
-    return str(value)
-
-
-@contextmanager
-def _stdout_kept_clean(active: bool) -> Iterator[None]:
-    """Send stdout to stderr, also what C code prints, while `active`."""
-    if not active:
-        yield
-        return
-    real = sys.stdout
-    real.flush()
-    saved = os.dup(1) if _is_descriptor_one(real) else None
-    if saved is not None:
-        os.dup2(2, 1)
-    sys.stdout = sys.stderr
-    try:
-        yield
-    finally:
-        sys.stdout = real
-        if saved is not None:
-            os.dup2(saved, 1)
-            os.close(saved)
-
-
-def _is_descriptor_one(stream: Any) -> bool:
-    try:
-        return stream.fileno() == 1
-    except (OSError, ValueError, AttributeError):  # a test's or a notebook's stand-in
-        return False
 
 
 def path_text(path: Path) -> str:

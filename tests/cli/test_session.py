@@ -39,6 +39,13 @@ def invoke(body, *arguments, **settings):
     return CliRunner().invoke(command_of(body, **settings), list(arguments))
 
 
+def invoke_as(name, body, *arguments):
+    """Invoke a body under the name of a verb, the way `lacoloco NAME ...` does."""
+    app = command_of(body)
+    obj = {"arguments": [name, *arguments]}
+    return CliRunner().invoke(app, list(arguments), obj=obj, prog_name=name)
+
+
 def test_own_and_shared_options_reach_the_body():
     seen = {}
 
@@ -133,18 +140,48 @@ def test_interruption_prints_the_command_that_continues():
         session.context()
         raise KeyboardInterrupt
 
-    app = typer.Typer()
-    verb(app)(body)
-    result = CliRunner().invoke(
-        app, ["--run", "r"], obj={"arguments": ["train-low", "--run", "r", "--label=a b"]}
-    )
+    result = invoke_as("train-low", body, "--run", "dog")
     assert result.exit_code == 130
-    assert "lacoloco train-low --run r '--label=a b' --resume" in result.stderr
+    assert result.stderr == "interrupted; continue with: lacoloco train-low --run dog --resume\n"
 
 
-def test_resume_command_names_the_run_and_resumes_once():
-    session = Session(verb="train-low", arguments=["train-low", "--resume"], run="r")
-    assert session.resume_command() == "lacoloco train-low --resume --run r"
+def test_resume_needs_no_other_argument():
+    calls = []
+
+    def body(
+        session: Session,
+        motions: Annotated[list[Path] | None, typer.Argument()] = None,
+        disc: Annotated[str, typer.Option("--disc")] = "drail",
+        constrained: Annotated[bool, typer.Option("--cat/--no-cat")] = True,
+    ) -> None:
+        context = session.context()
+        calls.append((context, session.config(PRESETS), motions, disc, constrained))
+
+    typed = ["a.h5", "--run", "dog", "--disc", "gan", "--no-cat", "--seed", "4"]
+    typed += ["--preset", "smoke", "--set", "samples=7"]
+    invoke_as("train-low", body, *typed)
+    invoke_as("train-low", body, "--run", "cat")
+    invoke_as("train-low", body, "--run", "dog", "--resume", "--quiet")
+    first, _, resumed = calls
+    assert resumed[1:] == first[1:] == (Config(7), [Path("a.h5")], "gan", False)
+    assert (resumed[0].seed, resumed[0].run, resumed[0].resume) == (4, "dog", True)
+    for word in typed:
+        assert word in resumed[0].command
+
+
+def test_what_is_typed_with_resume_wins():
+    seeds = []
+    invoke_as("train-low", lambda session: seeds.append(session.context().seed), "--seed", "4")
+    arguments = ("--resume", "--seed", "5")
+    invoke_as("train-low", lambda session: seeds.append(session.context().seed), *arguments)
+    assert seeds == [4, 5]
+
+
+def test_resume_of_one_verb_takes_nothing_from_another():
+    seeds = []
+    invoke_as("train-low", lambda session: seeds.append(session.context().seed), "--seed", "4")
+    invoke_as("train-high", lambda session: seeds.append(session.context().seed), "--resume")
+    assert seeds == [4, 0]
 
 
 def test_body_may_answer_and_still_choose_its_exit_code():
