@@ -125,12 +125,27 @@ def _parsed_union(text: str, hint: Any, path: str) -> Any:
 
 
 def _parsed_tuple(text: str, items: tuple[Any, ...], path: str) -> tuple[Any, ...]:
-    texts = [part.strip() for part in text.strip("()[] ").split(",") if part.strip()]
+    parts = _split(text)
     if len(items) == 2 and items[1] is Ellipsis:
-        return tuple(_parsed(part, items[0], path) for part in texts)
-    if len(texts) != len(items):
+        return tuple(_parsed(part, items[0], path) for part in parts)
+    if len(parts) != len(items):
         raise _wrong(path, text, f"{len(items)} values separated by commas")
-    return tuple(_parsed(part, item, path) for part, item in zip(texts, items, strict=True))
+    return tuple(_parsed(part, item, path) for part, item in zip(parts, items, strict=True))
+
+
+def _split(text: str) -> list[str]:
+    """Split at the commas outside of brackets; one pair around everything is left out."""
+    parts, depth, wrapped = [""], 0, text[:1] in ("(", "[") and text[-1:] in (")", "]")
+    for index, letter in enumerate(text):
+        depth += (letter in "([") - (letter in ")]")
+        wrapped = wrapped and (depth > 0 or index == len(text) - 1)
+        if letter == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    if wrapped:
+        return _split(text[1:-1])
+    return [part.strip() for part in parts if part.strip()]
 
 
 def _parsed_number(text: str, kind: type, path: str) -> int | float:

@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from lacoloco_cli import console, options, resume
+from lacoloco_cli import console, options
 from lacoloco_cli.failures import INTERRUPTED, UserError, explain
 from lacoloco_cli.json_output import stdout_kept_clean, to_json
 from lacoloco_cli.overrides import apply_overrides
+from lacoloco_cli.resume import fill_in, recall, remember
 
 if TYPE_CHECKING:
     from lacoloco.datasets.store import RunStore
@@ -83,27 +84,28 @@ class Session:
             raise UserError(f"--preset {self.preset}: not a preset of {self.verb}; use {known}")
         return apply_overrides(presets[self.preset](), self.overrides)
 
-    def context(self, seed: int | None = None) -> StageContext:
-        """Make the context a stage runs in, and remember the run as the one used last."""
+    def context(self, seed: int | None = None, *, resume: bool | None = None) -> StageContext:
+        """Make the context a stage runs in, and remember the run as the one used last.
+
+        Args:
+            seed: Another seed than that of `--seed`.
+            resume: Another answer than that of `--resume`.
+        """
         from lacoloco.pipelines.stage import StageContext
 
         check_device(self.device)
         self.store.use(self.run_name)
         if not self.resume:
-            resume.remember(self.store, self.run_name, self.verb, self.arguments[1:])
+            remember(self.store, self.run_name, self.verb, self.arguments[1:])
         return StageContext(
             store=self.store,
             run=self.run_name,
             seed=self.seed if seed is None else seed,
             device=self.device,
-            resume=self.resume,
+            resume=self.resume if resume is None else resume,
             command=self.command,
             progress=self.progress,
         )
-
-    def seeds(self, count: int) -> range:
-        """The seeds of `--seeds N`, counted up from `--seed`."""
-        return range(self.seed, self.seed + count)
 
     def answer(self, payload: Mapping[str, Any], show: Callable[[], None] | None = None) -> None:
         """Give the result: as the JSON object with `--json`, else through `show`.
@@ -131,8 +133,8 @@ class Session:
         Returns:
             The verb's own options among them; the shared ones are taken over here.
         """
-        before = resume.recall(self.store, self.run_name, self.verb)
-        options_before = resume.fill_in(context, before)
+        before = recall(self.store, self.run_name, self.verb)
+        options_before = fill_in(context, before)
         self.arguments = [self.verb, *before, *self.arguments[1:]]
         own = {}
         for name, value in options_before.items():

@@ -65,3 +65,4 @@ def test_every_verb_answers_help(name):
     result = invoke(name, "--help")
     assert result.exit_code == 0, result.output
     assert f"lacoloco {name}" in result.stdout
+    assert "--install-completion" not in result.stdout

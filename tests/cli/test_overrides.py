@@ -15,6 +15,7 @@ class Ppo:
     epochs: int = 5
     hidden: tuple[int, ...] = (512, 256)
     clip_range: tuple[float, float] = (0.8, 1.2)
+    shares: tuple[tuple[str, float], ...] = ()
     schedule: Literal["fixed", "adaptive"] = "adaptive"
 
     def __post_init__(self):
@@ -52,6 +53,10 @@ class Stage:
         ("ppo.hidden=64,32,16", lambda c: c.ppo.hidden, (64, 32, 16)),
         ("ppo.hidden=(8,)", lambda c: c.ppo.hidden, (8,)),
         ("ppo.clip_range=[0.9, 1.1]", lambda c: c.ppo.clip_range, (0.9, 1.1)),
+        ("ppo.hidden=()", lambda c: c.ppo.hidden, ()),
+        ("ppo.shares=(a,1),(b,2)", lambda c: c.ppo.shares, (("a", 1.0), ("b", 2.0))),
+        ("ppo.shares=[[a, 1], [b, 2]]", lambda c: c.ppo.shares, (("a", 1.0), ("b", 2.0))),
+        ("ppo.shares=((a,1),)", lambda c: c.ppo.shares, (("a", 1.0),)),
         ("ppo.schedule=fixed", lambda c: c.ppo.schedule, "fixed"),
         (" ppo . epochs = 7", lambda c: c.ppo.epochs, 7),
     ],
@@ -90,6 +95,7 @@ def test_the_last_of_two_settings_wins():
         ("ppo.schedule=cosine", ["expected one of fixed, adaptive", "'cosine'"]),
         ("ppo.clip_range=1", ["expected 2 values"]),
         ("ppo.hidden=64,big", ["expected int", "'big'"]),
+        ("ppo.shares=a,1", ["expected 2 values", "'a'"]),
         ("limit=high", ["float | None", "'high'"]),
         ("ppo=1", ["group", "ppo.learning_rate"]),
         ("samples.more=1", ["'samples' is a value"]),
@@ -115,6 +121,7 @@ def test_field_paths_lists_every_leaf():
         "epochs",
         "hidden",
         "clip_range",
+        "shares",
         "schedule",
     ]
     assert "ppo.epochs" in set(field_paths(Stage()))

@@ -65,7 +65,6 @@ def test_own_and_shared_options_reach_the_body():
     assert list(session.overrides) == ["samples=2", "samples=3"]
     assert session.resume and session.quiet and not session.debug
     assert session.config(PRESETS) == Config(samples=3)
-    assert list(session.seeds(3)) == [4, 5, 6]
 
 
 def test_answer_is_one_line_per_key_without_json():

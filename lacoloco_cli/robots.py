@@ -1,0 +1,172 @@
+"""`lacoloco robots`: list, show and check the robots."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lacoloco_cli import console
+from lacoloco_cli.failures import USER_MISTAKE
+from lacoloco_cli.options import READING
+from lacoloco_cli.session import Session, verb
+
+if TYPE_CHECKING:
+    from lacoloco.robots.check import CheckReport
+    from lacoloco.robots.spec import RobotSpec
+
+app = typer.Typer(no_args_is_help=True, help="List, show and check the robots.")
+
+Name = Annotated[str, typer.Argument(metavar="NAME", help="One of `lacoloco robots list`.")]
+OptionalName = Annotated[
+    str | None, typer.Argument(metavar="[NAME]", help="One robot; default: all of them.")
+]
+
+
+@verb(app, "list", shared=READING)
+def list_robots(session: Session) -> None:
+    """List the robots with their size and weight."""
+    from lacoloco.robots.registry import load_robot, robot_names
+
+    robots = [_summary(load_robot(name)) for name in robot_names()]
+
+    def show() -> None:
+        columns = ["robot", "joints", "mass kg", "weight N", "height m", "end effector", "model"]
+        rows = [
+            (
+                robot["name"],
+                robot["joints"],
+                robot["total_mass"],
+                robot["weight"],
+                robot["default_height"],
+                robot["end_effector"],
+                robot["model_hash"][:12],
+            )
+            for robot in robots
+        ]
+        console.print_table(columns, rows)
+
+    session.answer({"robots": robots}, show)
+
+
+@verb(app, "show", shared=READING)
+def show_robot(session: Session, name: Name) -> None:
+    """Show all numbers of one robot."""
+    from lacoloco.robots.registry import load_robot
+
+    spec = load_robot(name)
+    joints = _joint_rows(spec)
+    payload = {
+        **_summary(spec),
+        "mjcf": str(spec.mjcf),
+        "feet": spec.feet,
+        "foot_radius": spec.foot_radius(),
+        "foot_force_limit": spec.foot_force_limit(),
+        "fall_bodies": spec.fall_bodies,
+        "undesired_contact_bodies": spec.undesired_contact_bodies,
+        "self_collision": spec.self_collision,
+        "action_scale": spec.action_scale,
+        "walk_action_scale": spec.walk_action_scale,
+        "keypoints": spec.keypoints,
+        "knee_frames": spec.knee_frames,
+        "joints": joints,
+    }
+
+    def show() -> None:
+        for key, value in payload.items():
+            if key != "joints":
+                typer.echo(f"{key}: {_line(value)}")
+        columns = ["joint", "default", "lower", "upper", "kp", "kd", "torque", "training", "speed"]
+        rows = [list(joint.values()) for joint in joints]
+        console.print_table(columns, rows, title="rad, N.m/rad, N.m.s/rad, N.m, rad/s")
+
+    session.answer(payload, show)
+
+
+@verb(app, "check", shared=READING)
+def check_robots(session: Session, name: OptionalName = None) -> None:
+    """Check the numbers of robots, and that MuJoCo and Pinocchio agree on them."""
+    from lacoloco.robots.check import check_robot
+    from lacoloco.robots.registry import load_robot, robot_names
+
+    reports = [check_robot(load_robot(n)) for n in ([name] if name else robot_names())]
+    passed = all(report.passed for report in reports)
+
+    def show() -> None:
+        for report in reports:
+            _show_report(report)
+
+    session.answer({"passed": passed, "robots": [_report(r) for r in reports]}, show)
+    if not passed:
+        raise typer.Exit(USER_MISTAKE)
+
+
+def _summary(spec: RobotSpec) -> dict[str, Any]:
+    end, offset = spec.end_effector.body, spec.end_effector.offset
+    shift = f" + ({', '.join(f'{x:g}' for x in offset)}) m" if any(offset) else ""
+    return {
+        "name": spec.name,
+        "joints": spec.num_joints,
+        "total_mass": spec.total_mass(),
+        "weight": spec.weight(),
+        "default_height": spec.default_height(),
+        "end_effector": end + shift,
+        "model_hash": spec.model_hash(),
+    }
+
+
+def _joint_rows(spec: RobotSpec) -> list[dict[str, Any]]:
+    lower, upper = spec.joint_limits()
+    effort = spec.effort_limits()
+    return [
+        {
+            "joint": joint,
+            "default": spec.default_joint_pos[i],
+            "lower": float(lower[i]),
+            "upper": float(upper[i]),
+            "stiffness": spec.stiffness[i],
+            "damping": spec.damping[i],
+            "effort_limit": float(effort[i]),
+            "training_effort_limit": spec.training_effort_limits[i],
+            "velocity_limit": spec.velocity_limits[i],
+        }
+        for i, joint in enumerate(spec.joint_names)
+    ]
+
+
+def _line(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} -> {item}" for key, item in value.items()) or "-"
+    if isinstance(value, tuple):
+        return ", ".join(str(item) for item in value) or "-"
+    return console.cell_text(value)
+
+
+def _report(report: CheckReport) -> dict[str, Any]:
+    return {
+        "robot": report.robot,
+        "passed": report.passed,
+        "total_mass": report.total_mass,
+        "model_hash": report.model_hash,
+        "checks": [
+            {
+                "name": check.name,
+                "passed": check.passed,
+                "value": check.value,
+                "limit": check.limit,
+                "unit": check.unit,
+                "detail": check.detail,
+            }
+            for check in report.checks
+        ],
+    }
+
+
+def _show_report(report: CheckReport) -> None:
+    rows = [
+        ("ok" if c.passed else "FAILS", c.name, c.value, c.limit, c.unit, c.detail)
+        for c in report.checks
+    ]
+    verdict = "ok" if report.passed else f"{len(report.failures())} checks fail"
+    title = f"{report.robot}: {verdict} ({report.total_mass:.6f} kg)"
+    console.print_table(["", "check", "value", "limit", "unit", ""], rows, title=title)

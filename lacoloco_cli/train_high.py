@@ -1,0 +1,50 @@
+"""`lacoloco train-high`: a low-level policy and a task to a high-level policy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lacoloco_cli.options import Seeds
+from lacoloco_cli.session import Session, verb
+from lacoloco_cli.training import train_seeds
+
+app = typer.Typer(add_completion=False)
+
+
+@verb(app)
+def train_high(
+    session: Session,
+    low: Annotated[
+        Path | None,
+        typer.Option(
+            "--low", help="Low-level policy; default: the run's newest of the same seed, or newest."
+        ),
+    ] = None,
+    seeds: Seeds = 1,
+) -> None:
+    """Train the high level: a policy that steers the low level to a target by latents."""
+    from lacoloco.pipelines import train_high as stage
+
+    config = session.config(stage.PRESETS)
+    train_seeds(
+        session,
+        seeds,
+        lambda context: stage.run(config, context, low=low or newest_low(session, context.seed)),
+        stage.SHOWN,
+    )
+
+
+def newest_low(session: Session, seed: int) -> Path:
+    """The run's newest low level trained with this seed, else its newest.
+
+    Raises:
+        ArtifactError: The run has none.
+    """
+    from lacoloco.datasets.artifact import read_header
+
+    found = session.store.all(session.run_name, "train-low")
+    same = [path for path in found if read_header(path).seed == seed]
+    return same[-1] if same else session.store.newest(session.run_name, "train-low")

@@ -1,0 +1,62 @@
+"""`lacoloco train-low`: motions to a low-level policy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lacoloco_cli.failures import UserError
+from lacoloco_cli.options import Seeds
+from lacoloco_cli.session import Session, verb
+from lacoloco_cli.training import train_seeds
+
+app = typer.Typer(add_completion=False)
+
+DISCRIMINATORS = ("gan", "drail")
+MAKE_MOTIONS = ("generate", "retarget")
+
+
+@verb(app)
+def train_low(
+    session: Session,
+    disc: Annotated[
+        str | None,
+        typer.Option("--disc", metavar="gan|drail", help="Discriminator; default: drail."),
+    ] = None,
+    cat: Annotated[
+        bool | None,
+        typer.Option("--cat/--no-cat", help="Constraints as terminations; default: on."),
+    ] = None,
+    motions: Annotated[
+        list[Path] | None,
+        typer.Option("--motions", help="Motion artifact; may be repeated. Default: the run's."),
+    ] = None,
+    seeds: Seeds = 1,
+) -> None:
+    """Train the low level: a policy that turns latents into motion like the clips' (ASE)."""
+    from lacoloco.pipelines import train_low as stage
+
+    config = session.config(stage.PRESETS)
+    if disc is not None:
+        if disc not in DISCRIMINATORS:
+            raise UserError(f"--disc {disc}: use {' or '.join(DISCRIMINATORS)}")
+        config = replace(config, ase=replace(config.ase, discriminator=disc))
+    if cat is not None:
+        config = replace(config, cat=cat)
+    motions = motions or newest_motions(session)
+    train_seeds(
+        session, seeds, lambda context: stage.run(config, context, motions=motions), stage.SHOWN
+    )
+
+
+def newest_motions(session: Session) -> list[Path]:
+    """The run's newest motions of every verb that made some.
+
+    Raises:
+        ArtifactError: None made any; the message names a verb that does.
+    """
+    made = [session.store.all(session.run_name, maker)[-1:] for maker in MAKE_MOTIONS]
+    return sum(made, []) or [session.store.newest(session.run_name, MAKE_MOTIONS[0])]

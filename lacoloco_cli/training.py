@@ -1,0 +1,71 @@
+"""What `train-low` and `train-high` share: several seeds in one call, and how they are shown."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from lacoloco_cli import console
+from lacoloco_cli.session import Session, path_text
+
+if TYPE_CHECKING:
+    from lacoloco.pipelines.stage import StageContext, StageResult
+
+SPEED = ("samples", "samples_per_second", "seconds")
+
+
+def train_seeds(
+    session: Session,
+    count: int,
+    train: Callable[[StageContext], StageResult],
+    shown: Sequence[str],
+) -> None:
+    """Train one seed after the other and show them together.
+
+    Args:
+        session: The call.
+        count: From `--seeds`.
+        train: Trains the seed of its context.
+        shown: Figures for the table; `--json` has them all.
+    """
+    trained = []
+    for context in contexts(session, count):
+        result = train(context)
+        trained.append({"artifact": path_text(result.artifact), **result.metrics})
+    answer = dict(trained[-1])
+    if count > 1:
+        answer["seeds"] = trained
+    session.answer(answer, lambda: show(trained, shown))
+
+
+def contexts(session: Session, count: int) -> Iterator[StageContext]:
+    """A context per seed, counted up from `--seed`.
+
+    With `--resume`, the seeds before the unfinished one are done and left out, that one is
+    continued, and those after it begin anew.
+    """
+    seeds = range(session.seed, session.seed + count)
+    context = session.context()
+    if not session.resume:
+        yield from (replace(context, seed=seed) for seed in seeds)
+        return
+    unfinished = _unfinished_seed(session)
+    first = unfinished if unfinished in seeds else session.seed
+    yield replace(context, seed=first)
+    yield from (replace(context, seed=seed, resume=False) for seed in seeds if seed > first)
+
+
+def show(trained: Sequence[dict[str, Any]], shown: Sequence[str]) -> None:
+    """Print one row per seed."""
+    columns = [name for name in ("method", "seed", *SPEED, *shown) if name in trained[0]]
+    rows = [[row.get(name) for name in (*columns, "artifact")] for row in trained]
+    console.print_table([*columns, "artifact"], rows)
+
+
+def _unfinished_seed(session: Session) -> int | None:
+    """Seed of the newest unfinished version, which its label ends with."""
+    partials = session.store.partials(session.run_name, session.verb)
+    found = re.search(r"seed(\d+)$", partials[-1].label) if partials else None
+    return int(found[1]) if found else None
