@@ -5,7 +5,11 @@ import shutil
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from lacoloco.datasets import rotations
+from lacoloco.datasets.clip import Clip
 
 CHECKOUT = Path(__file__).parents[1]
 
@@ -53,3 +57,23 @@ def full_disk():
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.fixture
+def make_clip():
+    """Factory of clips with a known state: it circles at constant speed while joints oscillate.
+
+    The base moves on a circle of radius 1 m at `speed` m/s, heading along it; joint j is
+    sin(t + j). So v = (speed, 0, 0) and w = (0, 0, speed) in the base frame.
+    """
+
+    def factory(name="circle", frames=60, fps=50.0, joints=3, speed=0.5, **options):
+        time = np.arange(frames) / fps
+        angle = speed * time
+        root_pos = np.stack([np.sin(angle), 1 - np.cos(angle), 0.3 + 0 * angle], axis=1)
+        phase = time[:, None] + np.arange(joints)
+        names = tuple(f"joint_{index}" for index in range(joints))
+        root_quat = rotations.from_yaw(angle)
+        return Clip.from_poses(name, fps, names, root_pos, root_quat, np.sin(phase), **options)
+
+    return factory

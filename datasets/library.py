@@ -1,0 +1,231 @@
+"""All clips of a task as flat tensors: states at any time, and transitions to learn from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+
+from lacoloco.datasets import rotations, series
+from lacoloco.datasets.clip import Clip, common_joints
+from lacoloco.datasets.errors import DatasetError
+
+Weighting = Literal["duration", "clip", "skill"]
+
+_LINEAR = ("root_pos", "root_lin_vel_b", "root_ang_vel_b", "joint_pos", "joint_vel")
+
+
+@dataclass(frozen=True)
+class MotionFrames:
+    """States of n robots, as tensors (n, width); frames and units as in `Clip`."""
+
+    root_pos: torch.Tensor
+    root_quat: torch.Tensor
+    root_lin_vel_b: torch.Tensor
+    root_ang_vel_b: torch.Tensor
+    joint_pos: torch.Tensor
+    joint_vel: torch.Tensor
+
+
+class MotionLibrary:
+    """Clips of one robot, ready to be sampled in batches."""
+
+    def __init__(
+        self,
+        clips: Sequence[Clip],
+        device: str | torch.device = "cpu",
+        *,
+        weighting: Weighting = "duration",
+        skill_shares: Mapping[str, float] | None = None,
+    ) -> None:
+        """Lay the clips out flat, in single precision.
+
+        Args:
+            clips: at least one, all with the same joints.
+            device: where the tensors live.
+            weighting: how often a clip is sampled: "duration", its weight times its seconds, so
+                that every moment counts the same; "clip", its weight alone; "skill", the share of
+                its skill, divided within the skill as by "duration".
+            skill_shares: relative share of each skill for "skill"; equal shares by default.
+
+        Raises:
+            DatasetError: no clips, different joints, or weights that leave nothing to sample.
+        """
+        self.joint_names = common_joints(clips)
+        self.names = tuple(clip.name for clip in clips)
+        self.device = torch.device(device)
+        self._skills = [clip.skill for clip in clips]
+        self._weights = np.array([clip.weight for clip in clips])
+        self._durations = np.array([clip.duration for clip in clips])
+        self._weighting, self._shares = weighting, _skill_shares(self._skills, skill_shares)
+        self._cumulative: dict[float, tuple[torch.Tensor, torch.Tensor]] = {}
+
+        lengths = np.array([clip.frames for clip in clips])
+        self._first = self._tensor(np.cumsum(lengths) - lengths, torch.long)
+        self._last = self._tensor(lengths - 1, torch.long)
+        self._fps = self._tensor([clip.fps for clip in clips])
+        self.durations = self._tensor(self._durations)
+        """(clips,) seconds of each clip."""
+        self._widths = [3, 3, 3, len(self.joint_names), len(self.joint_names)]
+        self._split = [4, 4, 1, sum(self._widths), sum(self._widths)]
+        self._table = self._flatten(clips)
+        self._draw(0.0)  # refuse weights that leave nothing to sample now, not in mid-training
+
+    def __len__(self) -> int:
+        """Number of clips."""
+        return len(self.names)
+
+    def frames(self, clip_ids: torch.Tensor, times: torch.Tensor) -> MotionFrames:
+        """States at any time: linear between frames, slerp for the orientation.
+
+        Args:
+            clip_ids: (n,) int64 indices of clips.
+            times: (n,) seconds from the start of each clip; clamped to the clip.
+
+        Returns:
+            n states, float32; fields are views of one tensor.
+        """
+        position = (times * self._fps[clip_ids]).clamp_(min=0)
+        low = torch.minimum(position.long(), self._last[clip_ids])
+        share = (position - low).to(torch.float32)[:, None]
+        rows = self._table.index_select(0, low + self._first[clip_ids])
+        quat, axis, angle, state, change = rows.split(self._split, dim=1)
+        angle = share * angle
+        quat = (angle.cos() * quat).addcmul_(angle.sin(), axis)
+        parts = torch.addcmul(state, share, change).split(self._widths, dim=1)
+        return MotionFrames(root_quat=quat, **dict(zip(_LINEAR, parts, strict=True)))
+
+    def sample(
+        self, n: int, generator: torch.Generator | None = None, margin: float = 0.0
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Draw n moments.
+
+        Args:
+            n: how many.
+            generator: source of randomness on the library's device.
+            margin: seconds that must remain between the moment and the end of its clip; shorter
+                clips are left out.
+
+        Returns:
+            Indices of clips (n,) int64 and times in s (n,) float32, uniform within each clip.
+
+        Raises:
+            DatasetError: no clip is longer than the margin.
+        """
+        edges, seconds = self._draw(margin)
+        # One number gives both: which clip it falls into, and how far into the clip.
+        number = torch.rand(n, generator=generator, device=self.device, dtype=torch.float64)
+        clip_ids = torch.searchsorted(edges[1:-1], number, right=True)
+        start = edges[clip_ids]
+        within = (number - start) / (edges[clip_ids + 1] - start)
+        return clip_ids, (within * seconds[clip_ids]).to(torch.float32)
+
+    def sample_transitions(
+        self, n: int, dt: float, generator: torch.Generator | None = None
+    ) -> tuple[MotionFrames, MotionFrames]:
+        """Draw n pairs of states `dt` apart, both within one clip.
+
+        Args:
+            n: how many.
+            dt: seconds between the two.
+            generator: source of randomness on the library's device.
+
+        Returns:
+            The states at t and those at t + dt, in this order: the older first, as an agent's
+            transitions are.
+
+        Raises:
+            DatasetError: no clip is as long as `dt`.
+        """
+        clip_ids, times = self.sample(n, generator, margin=dt)
+        both = self.frames(torch.cat([clip_ids, clip_ids]), torch.cat([times, times + dt]))
+        halves = [
+            MotionFrames(**{name: getattr(both, name)[part] for name in series.SERIES})
+            for part in (slice(0, n), slice(n, None))
+        ]
+        return halves[0], halves[1]
+
+    def _tensor(self, values: object, dtype: torch.dtype = torch.float32) -> torch.Tensor:
+        return torch.as_tensor(np.asarray(values), dtype=dtype, device=self.device)
+
+    def _flatten(self, clips: Sequence[Clip]) -> torch.Tensor:
+        """One row per frame: its state, and how it gets to the next frame of its clip.
+
+        A state at any time then needs a single gather. Last frames lead nowhere: their change is
+        zero, which is also what clamps times beyond the end. Columns are listed in `_split`.
+        """
+        width = sum(self._widths)
+        table = np.zeros((sum(clip.frames for clip in clips), sum(self._split)), dtype=np.float32)
+        start = 0
+        for clip in clips:
+            rows = table[start : start + clip.frames]
+            rows[:, :9] = _great_circles(clip.root_quat)
+            state, change = rows[:, 9 : 9 + width], rows[:-1, 9 + width :]
+            np.concatenate([getattr(clip, name) for name in _LINEAR], axis=1, out=state)
+            np.subtract(state[1:], state[:-1], out=change)
+            start += clip.frames
+        return torch.from_numpy(table).to(self.device)
+
+    def _draw(self, margin: float) -> tuple[torch.Tensor, torch.Tensor]:
+        """Edges (clips + 1,) of the clips' shares on [0, 1], and seconds (clips,) to draw from."""
+        if margin not in self._cumulative:
+            # A clip without room between margin and end can still give its first frame.
+            seconds = self._durations - margin
+            possible = seconds > -1e-6
+            seconds = np.maximum(seconds, 0.0)
+            shares = np.where(possible, self._weights, 0.0)
+            if self._weighting != "clip":
+                shares = shares * np.maximum(seconds, 1e-6)
+            if self._weighting == "skill":
+                shares = self._balance_skills(shares)
+            if not shares.sum() > 0:
+                raise DatasetError(
+                    f"no clip with a positive weight lasts {margin:g} s; give longer clips"
+                )
+            edges = np.concatenate([[0.0], np.cumsum(shares)]) / shares.sum()
+            self._cumulative[margin] = (
+                self._tensor(edges, torch.float64),
+                self._tensor(seconds, torch.float64),
+            )
+        return self._cumulative[margin]
+
+    def _balance_skills(self, shares: np.ndarray) -> np.ndarray:
+        result = np.zeros_like(shares)
+        for skill, share in self._shares.items():
+            members = np.array([name == skill for name in self._skills])
+            total = shares[members].sum()
+            if total > 0:
+                result[members] = share * shares[members] / total
+        return result
+
+
+def _great_circles(quat: np.ndarray) -> np.ndarray:
+    """Rows (T, 9) of q, e, angle, with slerp(q_k, q_k+1, s) = cos(s angle) q_k + sin(s angle) e_k.
+
+    q_k and the unit quaternion e_k, at right angles to it, span the great circle to q_k+1.
+    """
+    quat = rotations.continuous(rotations.normalize(quat.astype(np.float64)))
+    circles = np.zeros((len(quat), 9))
+    circles[:, :4] = quat
+    start, end = quat[:-1], quat[1:]
+    aside = end - (start * end).sum(1, keepdims=True) * start
+    sine = np.sqrt((aside**2).sum(1, keepdims=True))
+    circles[:-1, 4:8] = aside / np.maximum(sine, 1e-12)
+    circles[:-1, 8] = np.arcsin(np.minimum(sine, 1.0))[:, 0]
+    return circles
+
+
+def _skill_shares(skills: Sequence[str], wanted: Mapping[str, float] | None) -> dict[str, float]:
+    known = sorted(set(skills))
+    if wanted is None:
+        return dict.fromkeys(known, 1.0)
+    for skill, share in wanted.items():
+        if skill not in known or not 0 <= share < np.inf:
+            raise DatasetError(
+                f"skill_shares: '{skill}' = {share}; name these skills with shares >= 0:"
+                f" {', '.join(known)}"
+            )
+    return {skill: float(wanted.get(skill, 0.0)) for skill in known}

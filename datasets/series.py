@@ -1,0 +1,81 @@
+"""What is computed and checked on equally spaced series of states, frame by frame."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lacoloco.datasets import rotations
+
+if TYPE_CHECKING:
+    from lacoloco.datasets.clip import Clip
+
+SERIES = ("root_pos", "root_quat", "root_lin_vel_b", "root_ang_vel_b", "joint_pos", "joint_vel")
+"""The fields of a clip that hold one row per frame."""
+
+_WIDTHS = {"root_pos": 3, "root_quat": 4, "root_lin_vel_b": 3, "root_ang_vel_b": 3}
+
+
+def angular_velocities_b(quat: np.ndarray, fps: float) -> np.ndarray:
+    """Angular velocity (T, 3) in the base frame, rad/s, of T >= 2 unit quaternions wxyz (T, 4).
+
+    At each frame it is the mean over the intervals before and after it.
+    Each interval has their constant angular velocity in the base frame, so the mean is a
+    central difference that still takes the shortest arc between neighbours.
+    """
+    between = rotations.angular_velocity_b(quat[:-1], quat[1:], 1 / fps)
+    result = np.concatenate([between[:1], between])
+    result[1:-1] = 0.5 * (between[:-1] + between[1:])
+    return result
+
+
+def resampled(series: dict[str, np.ndarray], fps: float, new_fps: float) -> dict[str, np.ndarray]:
+    """Series (T, ...) at another rate, from time 0 to the last new frame within the old ones.
+
+    "root_quat" is blended by slerp, bool series take the nearest frame, all others blend linearly.
+    """
+    last = len(series["root_quat"]) - 1
+    count = int(np.floor(last / fps * new_fps + 1e-6)) + 1
+    position = np.minimum(np.arange(count) * (fps / new_fps), last)
+    low = np.minimum(position.astype(int), max(last - 1, 0))
+    high = np.minimum(low + 1, last)
+    result = {}
+    for name, values in series.items():
+        share = (position - low).astype(values.dtype)
+        if values.dtype == bool:
+            result[name] = values[np.round(position).astype(int)]
+        elif name == "root_quat":
+            result[name] = rotations.continuous(rotations.slerp(values[low], values[high], share))
+        else:
+            result[name] = values[low] + share[:, None] * (values[high] - values[low])
+    return result
+
+
+def problem(clip: Clip) -> str:
+    """The first thing that is wrong with a clip, in words; "" when nothing is."""
+    frames, joints = len(clip.root_pos), len(clip.joint_names)
+    if frames == 0:
+        return "has no frames"
+    if not 0 < clip.fps < np.inf:
+        return f"has {clip.fps} frames per second"
+    if len(set(clip.joint_names)) < joints:
+        return "names a joint twice"
+    if not 0 <= clip.weight < np.inf:
+        return f"has weight {clip.weight}; it must be zero or positive"
+    for name in SERIES:
+        series = getattr(clip, name)
+        expected = (frames, _WIDTHS.get(name, joints))
+        if series.shape != expected:
+            return f"{name} has shape {series.shape}, expected {expected}"
+        if not np.isfinite(series).all():
+            bad = int(np.argmax(~np.isfinite(series).all(1)))
+            return f"{name} is not finite in frame {bad}"
+    error = np.abs(np.sqrt((clip.root_quat**2).sum(1)) - 1)
+    if error.max() > 1e-3:
+        return f"root_quat is not of unit length in frame {int(error.argmax())}"
+    if clip.contacts is not None and (
+        clip.contacts.ndim != 2 or len(clip.contacts) != frames or clip.contacts.dtype != bool
+    ):
+        return f"contacts have shape {clip.contacts.shape}, expected ({frames}, feet) of bool"
+    return ""
