@@ -130,13 +130,17 @@ class RobotSpec:
         """A new Pinocchio model of the same MJCF (nq = 7 + J, quaternion xyzw)."""
         import pinocchio
 
-        if not self.mjcf.is_file():
-            raise RobotError(f"{self.mjcf}: no such MJCF; fix `mjcf` of robot {self.name!r}")
+        self._require_mjcf()
         return pinocchio.buildModelFromMJCF(str(self.mjcf))
 
     def model_hash(self) -> str:
         """SHA-256 of the MJCF's bytes, hexadecimal: what artifacts record as provenance."""
+        self._require_mjcf()
         return hashlib.sha256(self.mjcf.read_bytes()).hexdigest()
+
+    def _require_mjcf(self) -> None:
+        if not self.mjcf.is_file():
+            raise RobotError(f"{self.mjcf}: no such MJCF; fix `mjcf` of robot {self.name!r}")
 
     def total_mass(self) -> float:
         """Mass of the whole robot, kg."""

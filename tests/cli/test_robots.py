@@ -1,0 +1,75 @@
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from lacoloco_cli.robots import app
+
+
+@pytest.fixture
+def call():
+    def run(*arguments):
+        return CliRunner().invoke(app, list(arguments))
+
+    return run
+
+
+def test_list_names_the_robots_and_their_sizes(call):
+    robots = json.loads(call("list", "--json").stdout)["robots"]
+    assert [(r["name"], r["joints"]) for r in robots] == [("solo12", 12), ("h1", 19)]
+    assert [r["total_mass"] for r in robots] == pytest.approx([2.50000279, 51.437], abs=1e-8)
+    text = call("list").stdout
+    assert "solo12" in text and "right_elbow_link + (0.3, 0, 0) m" in text
+
+
+def test_show_gives_every_joint(call):
+    shown = json.loads(call("show", "solo12", "--json").stdout)
+    assert shown["feet"] == ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"]
+    assert [joint["default"] for joint in shown["joints"]] == [0.0, 0.4, -0.8] * 4
+    assert shown["joints"][11] == {
+        "joint": "HR_KFE",
+        "default": -0.8,
+        "lower": -10.0,
+        "upper": 10.0,
+        "stiffness": 4.0,
+        "damping": 0.2,
+        "effort_limit": 3.0,
+        "training_effort_limit": 4.5,
+        "velocity_limit": 16.0,
+    }
+    assert "HR_KFE" in call("show", "solo12").stdout
+
+
+def test_check_finds_both_robots_sound(call):
+    result = call("check", "--json")
+    report = json.loads(result.stdout)
+    assert (result.exit_code, report["passed"]) == (0, True)
+    assert [robot["robot"] for robot in report["robots"]] == ["solo12", "h1"]
+    for robot in report["robots"]:
+        values = {check["name"]: check["value"] for check in robot["checks"]}
+        assert values["positions, MuJoCo - Pinocchio"] < 1e-12
+        assert values["rotations, MuJoCo - Pinocchio"] < 1e-12
+        assert values["mass matrix, MuJoCo - Pinocchio"] < 1e-10
+        assert values["joint order in Pinocchio"] == 0
+    assert "h1: ok" in call("check", "h1").stdout
+
+
+def test_check_of_a_faulty_robot_ends_with_exit_code_2(call, monkeypatch):
+    from dataclasses import replace
+
+    from lacoloco.robots import registry
+
+    faulty = replace(registry.load_robot("solo12"), velocity_limits=(0.0,) * 12)
+    monkeypatch.setitem(registry.ROBOTS, "solo12", lambda: faulty)
+    result = call("check", "solo12", "--json")
+    report = json.loads(result.stdout)
+    assert (result.exit_code, report["passed"]) == (2, False)
+    failing = [c["name"] for c in report["robots"][0]["checks"] if not c["passed"]]
+    assert failing == ["speed limits not positive"]
+    assert "solo12: 1 checks fail" in call("check", "solo12").stdout
+
+
+def test_an_unknown_robot_is_refused_with_the_nearest(call):
+    result = call("show", "solo", "--json")
+    assert result.exit_code == 2
+    assert "did you mean 'solo12'" in json.loads(result.stdout)["error"]
