@@ -190,7 +190,7 @@ def print_table(
         table.add_row(*(cell_text(cell) for cell in row))
     console = Console(markup=False, highlight=False)
     if not console.is_terminal:
-        console.width = 160  # a pipe has no edge to wrap at
+        console.width = 1000  # a pipe has no edge to wrap at
     console.print(table)
 
 

@@ -18,7 +18,7 @@ from lacoloco_cli.failures import USER_MISTAKE, one_line
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, verb
 
-app = typer.Typer(add_completion=False)
+app = typer.Typer()
 
 MODULES = {"pin": "pinocchio", "rsl-rl-lib": "rsl_rl", "mujoco": "mujoco.batch"}
 """Distribution -> module that shows it works, where the names differ."""

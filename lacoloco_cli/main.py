@@ -47,6 +47,9 @@ class FrontDoor(typer.core.TyperGroup):
             module = import_module(f"lacoloco_cli.{VERBS[name][0]}")
             command = typer.main.get_command(module.app)
             command.name = name
+            # typer adds these to every app; a verb has no completion of its own
+            completion = ("install_completion", "show_completion")
+            command.params = [p for p in command.params if p.name not in completion]
         return name, command, rest
 
     def main(self, args: Sequence[str] | None = None, **extra: Any) -> NoReturn:

@@ -11,7 +11,7 @@ from lacoloco_cli.options import Seeds
 from lacoloco_cli.session import Session, verb
 from lacoloco_cli.training import train_seeds
 
-app = typer.Typer(add_completion=False)
+app = typer.Typer()
 
 
 @verb(app)

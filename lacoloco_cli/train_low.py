@@ -13,7 +13,7 @@ from lacoloco_cli.options import Seeds
 from lacoloco_cli.session import Session, verb
 from lacoloco_cli.training import train_seeds
 
-app = typer.Typer(add_completion=False)
+app = typer.Typer()
 
 DISCRIMINATORS = ("gan", "drail")
 MAKE_MOTIONS = ("generate", "retarget")

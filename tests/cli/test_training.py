@@ -27,7 +27,7 @@ def train(trained, tmp_path):
         metrics = {"seed": context.seed, "samples": 10, "speed": 0.5, "loss": 1.0}
         return StageResult(tmp_path / f"{context.seed}.h5", metrics)
 
-    app = typer.Typer(add_completion=False)
+    app = typer.Typer()
 
     @verb(app)
     def body(session: Session, seeds: int = 1) -> None:
