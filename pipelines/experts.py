@@ -15,7 +15,7 @@ from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.state import layout, width
-from lacoloco.pipelines.sim.tasks import TASKS
+from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, TASKS
 
 POLICY = "policy"
 
@@ -35,8 +35,23 @@ class ExpertConfig:
     samples: int = 3_000_000
     reward_scale: float = 5.0
     ramp: tuple[float, float] = (0.05, 0.6)
-    ppo: PpoConfig = field(default_factory=lambda: PpoConfig(horizon=24, learning_rate=1e-3, max_learning_rate=5e-3))
+    ppo: PpoConfig = field(default_factory=lambda: PpoConfig(horizon=24, learning_rate=1e-3, max_learning_rate=5e-3, desired_kl=0.02))
     networks: NetworkConfig = field(default_factory=lambda: NetworkConfig(init_std=0.6, learn_std=True))
+
+
+def reach_expert() -> ExpertConfig:
+    """Smaller steps for the larger action scale of reaching."""
+    return ExpertConfig(networks=NetworkConfig(init_std=0.4, learn_std=True))
+
+
+def smoke_expert() -> ExpertConfig:
+    """Two iterations of a tiny network."""
+    return ExpertConfig(
+        worlds=16,
+        samples=16 * 4 * 2,
+        ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
+        networks=NetworkConfig(actor=(32,), critic=(32,), learn_std=True),
+    )
 
 
 class ExpertTrainer:
@@ -45,7 +60,8 @@ class ExpertTrainer:
     def __init__(self, spec: RobotSpec, task_name: str, config: ExpertConfig, *, seed: int, device: str) -> None:
         """Build the environment and the learner."""
         torch.manual_seed(seed)
-        self.config, self.task = config, TASKS[task_name](spec)
+        # Clips are recorded clean, so the experts train in exactly that world: robustness is the low level's business.
+        self.config, self.task = config, replace(TASKS[task_name](spec), noise=0.0, randomisation=NO_RANDOMISATION)
         self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
         self.env.stagger()
         sizes = {POLICY: width(self.env.terms)}
@@ -85,6 +101,7 @@ class ExpertTrainer:
             "reward": reward / steps,
             "falls_per_1000_steps": 1000.0 * falls / self.samples_per_iteration,
             "delta": delta_sum / steps,
+            **{f"violation_{name}": float(share) for name, share in self.terminations.violated.items()},
             "std": float(algorithm.actor.distribution.log_std_param.detach().exp().mean()),
         }
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import torch
-from lacoloco.datasets.rotations import multiply, rotate
+from lacoloco.datasets.rotations import from_yaw, multiply, rotate
 from lacoloco.robots.spec import RobotSpec
 
 from lacoloco.pipelines.sim import state as layouts
@@ -237,7 +237,7 @@ class LeggedEnv:
         qpos = torch.zeros(count, 7 + self.num_actions)
         planar = uniform(((-start.position, start.position),) * 2 + ((-pi, pi),), count, self.draw)
         qpos[:, :2], qpos[:, 2] = planar[:, :2], self.default_height
-        qpos[:, 3:7] = heading_quat(planar[:, 2] if start.position > 0.0 else torch.zeros(count))
+        qpos[:, 3:7] = from_yaw(planar[:, 2])
         scale = uniform((start.joint_scale,) * self.num_actions, count, self.draw)
         qpos[:, 7:] = self.default_joint_pos.cpu() * scale
         qvel = torch.zeros(count, 6 + self.num_actions)
@@ -249,7 +249,7 @@ class LeggedEnv:
         """(K, 7 + J), (K, 6 + J): a random moment of a random clip, heading re-drawn, velocities turned with it."""
         clips, times = self.motions.sample(count, generator=self.draw)
         frames = self.motions.frames(clips, times)
-        heading = heading_quat(uniform(((-torch.pi, torch.pi),), count, self.draw)[:, 0])
+        heading = from_yaw(uniform(((-torch.pi, torch.pi),), count, self.draw)[:, 0])
         quat = multiply(heading, frames.root_quat.cpu())
         position = torch.zeros(count, 3)
         position[:, 2] = frames.root_pos[:, 2].cpu()
@@ -260,13 +260,6 @@ class LeggedEnv:
 
 
 _STATE = ("steps", "action", "command", "_resample_at", "_push_at")
-
-
-def heading_quat(yaw: torch.Tensor) -> torch.Tensor:
-    """(K, 4) wxyz rotation by ``yaw`` (K,) [rad] about the vertical."""
-    quat = torch.zeros(len(yaw), 4)
-    quat[:, 0], quat[:, 3] = torch.cos(yaw / 2), torch.sin(yaw / 2)
-    return quat
 
 
 def draw_parameters(config: Randomisation, count: int, draw: torch.Generator) -> WorldParameters:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from lacoloco.datasets.rotations import rotate_inverse
+
+if TYPE_CHECKING:
+    from lacoloco.datasets.library import MotionFrames
 
 LATENT_DIM = 7
 """Dimension of the skill latent z (paper section IV-D)."""
@@ -48,6 +52,18 @@ class RobotState:
         """Split MuJoCo's (N, 7 + J) and (N, 6 + J) into base-frame quantities (root linear velocity comes in world)."""
         quat = qpos[:, 3:7]
         return cls(qpos[:, :3], quat, rotate_inverse(quat, qvel[:, :3]), qvel[:, 3:6], qpos[:, 7:], qvel[:, 6:])
+
+    @classmethod
+    def from_motion(cls, frames: MotionFrames) -> RobotState:
+        """The same for frames of clips, so that demonstrations go through the very code that the agent does."""
+        return cls(
+            frames.root_pos,
+            frames.root_quat,
+            frames.root_lin_vel_b,
+            frames.root_ang_vel_b,
+            frames.joint_pos,
+            frames.joint_vel,
+        )
 
     @property
     def gravity_b(self) -> torch.Tensor:

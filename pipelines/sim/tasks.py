@@ -94,15 +94,15 @@ def walk_task(spec: RobotSpec) -> Task:
     lateral = (-0.5, 0.5) if quadruped else (0.0, 0.0)
     forward = (-0.5, 0.5) if quadruped else (0.0, 1.0)
     constraints = (
-        Constraint("torque", 3.0, 0.25),
-        Constraint("joint_velocity", 16.0, 0.25),
-        Constraint("joint_acceleration", 800.0, 0.25),
-        Constraint("action_rate", 80.0, 0.25),
-        Constraint("foot_force", 50.0, 0.25),
-        Constraint("base_tilt", 0.1, 0.25),
-        Constraint("air_time", 0.2, 0.25),
+        Constraint("torque", 3.0, 0.1),
+        Constraint("joint_velocity", 16.0, 0.1),
+        Constraint("joint_acceleration", 800.0, 0.1),
+        Constraint("action_rate", 80.0, 0.1),
+        Constraint("foot_force", 50.0, 0.1),
+        Constraint("base_tilt", 0.1, 0.1),
+        Constraint("air_time", 0.2, 0.1),
         Constraint("stand_still", 4.0, 0.1),
-        Constraint("hip_deviation", 0.2, 0.25),
+        Constraint("hip_deviation", 0.2, 0.1),
     )
     penalties = (("vertical_motion", -1.0), ("tilt", -1.0), ("action_change", -0.005))
     return Task(
@@ -111,7 +111,7 @@ def walk_task(spec: RobotSpec) -> Task:
         command=VelocityCommand(forward, lateral, (-0.78, 0.78)),
         episode_s=10.0,
         resample_s=(5.0, 8.0),
-        rewards=(("track_planar_velocity", 1.0), ("track_yaw_rate", 0.5), *(() if quadruped else penalties)),
+        rewards=(("track_planar_velocity", 1.0), ("track_planar_velocity_closely", 0.5), ("track_yaw_rate", 0.5), *(() if quadruped else penalties)),
         clip_reward=True,
         constraints=constraints if quadruped else (),
         fall_on_undesired=True,
@@ -134,13 +134,12 @@ def reach_in_place_task(spec: RobotSpec) -> Task:
         resample_s=(2.0, 4.0),
         rewards=(
             ("approach", 1.0),
-            ("reach", 1.0),
-            ("joint_speed", -1e-3),
-            ("joint_torque", -5e-3),
-            ("action_change", -5e-3),
+            ("reach", 2.0),
+            ("joint_speed", -2e-4),
+            ("joint_torque", -2e-3),
+            ("action_change", -1e-2),
             ("tilt", -0.2),
         ),
-        clip_reward=True,
         constraints=(
             Constraint("torque", 3.0, 0.25),
             Constraint("joint_velocity", 16.0, 0.25),

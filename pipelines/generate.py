@@ -1,0 +1,183 @@
+"""Stage generate: experts perform the synthetic motions, 120 x 10 s of walking and 20 x 10 s of reaching, recorded clean."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import torch
+from lacoloco.datasets.artifact import read_header
+from lacoloco.datasets.clip import Clip, save_clips
+from lacoloco.robots.registry import load_robot
+from lacoloco.robots.spec import RobotSpec
+
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.experts import ExpertConfig, ExpertTrainer, reach_expert, smoke_expert
+from lacoloco.pipelines.policies import Policy, load_policies, save_policies
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, TASKS
+from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.pipelines.training import train
+
+SKILLS = {"walk": "walk", "reach_in_place": "reach"}
+"""Expert task -> skill name of its clips."""
+SHOWN = ("reward", "velocity_error", "target_error", "falls_per_1000_steps", "std")
+LICENCE = "BSD-3-Clause (made by lacoloco)"
+
+
+@dataclass(frozen=True)
+class GenerateConfig:
+    """Experts and recording.
+
+    Attributes:
+        walk_clips: number of walking clips (paper: 120).
+        reach_clips: number of reaching clips (paper: 20).
+        seconds: length of a clip.
+        lead_in: seconds performed before the recording starts, so that no clip begins with a transient.
+    """
+
+    walk: ExpertConfig = field(default_factory=ExpertConfig)
+    reach: ExpertConfig = field(default_factory=reach_expert)
+    walk_clips: int = 120
+    reach_clips: int = 20
+    seconds: float = 10.0
+    lead_in: float = 1.0
+
+
+def laptop() -> GenerateConfig:
+    """The paper's clips from experts trained in a few minutes each on two cores."""
+    return GenerateConfig()
+
+
+def smoke() -> GenerateConfig:
+    """Seconds; the experts have learned nothing, so only that everything runs is shown."""
+    return GenerateConfig(smoke_expert(), smoke_expert(), walk_clips=3, reach_clips=2, seconds=0.2, lead_in=0.02)
+
+
+PRESETS: dict[str, Callable[[], GenerateConfig]] = {"smoke": smoke, "laptop": laptop}
+
+
+def run(config: GenerateConfig, context: StageContext, *, robot: str = "solo12", retrain: bool = False) -> StageResult:
+    """Record clips of both experts; train the experts first when the run has none for this robot, or if asked to.
+
+    Raises:
+        RobotError: unknown robot.
+        StageError: an expert falls too often to record enough clean clips.
+    """
+    spec = load_robot(robot)
+    experts = _experts(config, context, spec, retrain)
+    _, policies = load_policies(experts, *SKILLS, device=context.device)
+    clips: list[Clip] = []
+    metrics: dict[str, float] = {}
+    directory = context.store.begin(context.run, "generate")
+    for task, count in (("walk", config.walk_clips), ("reach_in_place", config.reach_clips)):
+        recorded, figures = record(spec, task, policies[task], count, config, context)
+        clips += recorded
+        metrics |= figures
+    save_clips(
+        directory.file("artifact.h5"),
+        clips,
+        robot=(spec.name, spec.model_hash()),
+        config=asdict(config),
+        seed=context.seed,
+        parents=[experts],
+        command=context.command,
+        metadata={"metrics": metrics},
+    )
+    seconds = sum(clip.duration for clip in clips)
+    return StageResult(directory.complete(), {"clips": len(clips), "seconds": seconds, **metrics})
+
+
+def _experts(config: GenerateConfig, context: StageContext, spec: RobotSpec, retrain: bool) -> Path:
+    """The run's newest experts of this robot, else newly trained ones."""
+    if not retrain and not context.resume:
+        for path in reversed(context.store.all(context.run, "experts")):
+            if read_header(path).robot == spec.name:
+                return path
+        context.progress.say(f"run '{context.run}' has no experts for {spec.name} yet: training them")
+    return train_experts(config, context, spec)
+
+
+def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec) -> Path:
+    """Train the walking and the reaching expert and write both into one artifact of the stage ``experts``."""
+    directory = context.store.begin(context.run, "experts", resume=context.resume)
+    policies, metrics = [], {}
+    for task, expert in (("walk", config.walk), ("reach_in_place", config.reach)):
+        trainer = ExpertTrainer(spec, task, expert, seed=context.seed, device=context.device)
+        figures = train(trainer, trainer.iterations, directory.path, context, f"expert {task}", SHOWN)
+        policies.append(trainer.policy())
+        metrics |= {f"{task}_seconds": figures["seconds"], f"{task}_samples": figures["samples"]}
+    save_policies(
+        directory.file("artifact.h5"),
+        policies,
+        spec=spec,
+        context=context,
+        config=asdict(config),
+        parents=[],
+        metrics=metrics,
+    )
+    return directory.complete()
+
+
+def record(
+    spec: RobotSpec, task_name: str, policy: Policy, count: int, config: GenerateConfig, context: StageContext
+) -> tuple[list[Clip], dict[str, float]]:
+    """Record ``count`` clips of one expert, deterministic, without noise, pushes or randomisation.
+
+    More worlds than clips are run, and only those that never fell are kept, so no clip contains a reset.
+
+    Raises:
+        StageError: fewer than ``count`` worlds stayed up.
+    """
+    steps, lead = round(config.seconds / CONTROL_DT), round(config.lead_in / CONTROL_DT)
+    base = TASKS[task_name](spec)
+    task = replace(base, noise=0.0, randomisation=NO_RANDOMISATION, episode_s=2 * (config.seconds + config.lead_in))
+    env = LeggedEnv(spec, task, count + max(8, count // 4), seed=context.seed, device=context.device)
+    clean = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
+    rows, errors = [], []
+    for step in range(lead + steps):
+        outcome = env.step(policy(env.observe()))
+        clean &= ~outcome.fell
+        if step >= lead:
+            rows.append((env.physics.qpos, env.state))
+            errors.append(_tracking_error(env))
+    kept = torch.nonzero(clean).flatten()
+    skill = SKILLS[task_name]
+    if len(kept) < count:
+        raise StageError(f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} recordings; train it longer")
+    error = torch.stack(errors)
+    figures = {
+        f"{skill}_error_mean": float(error.mean()),
+        f"{skill}_falls": float((~clean).sum()),
+        f"{skill}_worlds": float(env.num_worlds),
+    }
+    return [_clip(spec, skill, index, rows, int(world)) for index, world in enumerate(kept[:count])], figures
+
+
+def _tracking_error(env: LeggedEnv) -> torch.Tensor:
+    """(N,) planar velocity error [m/s] of a walking task, end-effector error [m] of a reaching one."""
+    if env.task.name == "walk":
+        return torch.linalg.vector_norm(env.state.lin_vel_b[:, :2] - env.command[:, :2], dim=-1)
+    return env.target_error()
+
+
+def _clip(spec: RobotSpec, skill: str, index: int, rows: list, world: int) -> Clip:
+    def series(pick: Callable) -> torch.Tensor:
+        return torch.stack([pick(qpos, state)[world] for qpos, state in rows]).cpu().numpy()
+
+    return Clip(
+        name=f"{skill}_{index:03d}",
+        fps=1.0 / CONTROL_DT,
+        joint_names=spec.joint_names,
+        root_pos=series(lambda qpos, _: qpos[:, :3]),
+        root_quat=series(lambda qpos, _: qpos[:, 3:7]),
+        root_lin_vel_b=series(lambda _, state: state.lin_vel_b),
+        root_ang_vel_b=series(lambda _, state: state.ang_vel_b),
+        joint_pos=series(lambda qpos, _: qpos[:, 7:]),
+        joint_vel=series(lambda _, state: state.joint_vel),
+        skill=skill,
+        source=f"lacoloco generate: {skill} expert",
+        licence=LICENCE,
+    )

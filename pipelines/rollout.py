@@ -1,0 +1,81 @@
+"""Episodes of the reach task, recorded step by step, for playback, export and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from lacoloco.robots.registry import load_robot
+
+from lacoloco.pipelines.learn.latents import project
+from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
+from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, reach_task
+
+
+@dataclass(frozen=True)
+class ReachRecording:
+    """T control steps of each of E episodes, laid out episode by episode: E x T rows.
+
+    Attributes:
+        qpos: (E, T, 7 + J) root position [m], quaternion wxyz, joints [rad].
+        target: (E, T, 3) world target [m].
+        end_effector: (E, T, 3) world [m].
+        contact: (E, T, F) bool, feet on the ground.
+        steering: (E, T, d) unit latent in force.
+        low_obs: (E T, P) low-level observations, with ``latent`` (E T, d) what the low level was fed.
+        high_obs: (E T / 5, H) high-level observations.
+        fell: (E,) bool.
+    """
+
+    qpos: np.ndarray
+    target: np.ndarray
+    end_effector: np.ndarray
+    contact: np.ndarray
+    steering: np.ndarray
+    low_obs: np.ndarray
+    latent: np.ndarray
+    high_obs: np.ndarray
+    fell: np.ndarray
+    robot: str
+    fps: float = 1.0 / CONTROL_DT
+
+
+def record_reach(policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0) -> ReachRecording:
+    """Play a high-level artifact's policies without noise, pushes or randomisation, motors as strong as they are.
+
+    Raises:
+        ArtifactError: ``policy`` is missing, damaged, or holds no high level.
+    """
+    artifact, policies = load_policies(policy, "low", "high")
+    spec = load_robot(artifact.robot)
+    task = replace(reach_task(spec), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION)
+    env = LatentSteeredEnv(
+        LeggedEnv(spec, task, episodes, seed=seed), policies["low"], policies["low"].head.sizes["latent"]
+    )
+    rows: dict[str, list[torch.Tensor]] = {name: [] for name in ("qpos", "target", "end_effector", "contact", "steering")}
+    low_obs, high_obs = [], []
+    fell = torch.zeros(episodes, dtype=torch.bool)
+
+    def keep(base: LeggedEnv) -> None:
+        values = (base.physics.qpos, base.command.clone(), base.end_effector(), base.feet.contact, env.latent)
+        for name, value in zip(rows, values, strict=True):
+            rows[name].append(value)
+        low_obs.append(base.observe()[:, : policies["low"].head.sizes["policy"]])
+
+    for _ in range(max(1, round(seconds / CONTROL_DT / HOLD_STEPS))):
+        high_obs.append(env.observe())
+        fell |= env.step(project(policies["high"](high_obs[-1])), keep).fell
+    stacked = {name: torch.stack(steps, dim=1).numpy() for name, steps in rows.items()}
+    return ReachRecording(
+        **stacked,
+        low_obs=torch.cat(low_obs).numpy(),
+        latent=torch.cat(rows["steering"]).numpy(),
+        high_obs=torch.cat(high_obs).numpy(),
+        fell=fell.numpy(),
+        robot=spec.name,
+    )

@@ -1,0 +1,89 @@
+"""The high level's world: one latent in, five low-level control steps, one decision's outcome out (10 Hz)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from lacoloco.pipelines.sim import state as layouts
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.state import Term
+
+HOLD_STEPS = 5
+"""Control steps for which one latent is held (paper: 10 Hz over 50 Hz)."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What came of one latent in N worlds, before any reset.
+
+    Attributes:
+        reward: (N,) mean task reward of the control steps lived through, 0 for those after a fall (facts 9.2, B9).
+        fell: (N,) bool.
+        timed_out: (N,) bool.
+        error: (N,) distance of the end effector from the target at the last step lived through [m].
+        above_limit: (N, F) foot-substeps with a contact force above the limit.
+        substeps: (N,) foot-substeps counted per foot.
+    """
+
+    reward: torch.Tensor
+    fell: torch.Tensor
+    timed_out: torch.Tensor
+    error: torch.Tensor
+    above_limit: torch.Tensor
+    substeps: torch.Tensor
+
+    @property
+    def done(self) -> torch.Tensor:
+        """(N,) bool, worlds to reset."""
+        return self.fell | self.timed_out
+
+
+class LatentSteeredEnv:
+    """A reach environment driven through a frozen low level; ``low(obs (N, P), z (N, d)) -> actions (N, J)``."""
+
+    def __init__(
+        self, env: LeggedEnv, low: Callable[[torch.Tensor, torch.Tensor], torch.Tensor], latent_dim: int
+    ) -> None:
+        """Wrap an environment whose command is a target."""
+        self.env, self.low = env, low
+        self.num_worlds, self.device = env.num_worlds, env.device
+        self.latent = torch.zeros(env.num_worlds, latent_dim, device=env.device)
+        self.terms: tuple[Term, ...] = layouts.high_level_terms(env.num_actions, env.task.joint_pos_noise)
+        self.limit = env.spec.foot_force_limit()
+        self._frame = 10 + 2 * env.num_actions
+        self._low_width = self._frame + env.num_actions
+
+    def observe(self) -> torch.Tensor:
+        """(N, width of ``terms``): noisy style frame, target in the base frame, last latent."""
+        full = self.env.observe()
+        return torch.cat((full[:, : self._frame], full[:, self._low_width :], self.latent), dim=-1)
+
+    def step(self, z: torch.Tensor, on_step: Callable[[LeggedEnv], None] | None = None) -> Decision:
+        """Hold unit latents (N, d) for five control steps; ``on_step`` sees the environment after each of them."""
+        env, n = self.env, self.num_worlds
+        alive = torch.ones(n, dtype=torch.bool, device=self.device)
+        fell, timed_out = torch.zeros_like(alive), torch.zeros_like(alive)
+        reward, error = torch.zeros(n, device=self.device), torch.zeros(n, device=self.device)
+        above = torch.zeros(n, len(env.spec.feet), device=self.device)
+        lived = torch.zeros(n, device=self.device)
+        self.latent = z
+        for _ in range(HOLD_STEPS):
+            step = env.step(self.low(env.observe()[:, : self._low_width], z))
+            reward += step.reward * alive / HOLD_STEPS
+            error = torch.where(alive, env.target_error(), error)
+            above += (env.physics.foot_force > self.limit).float().sum(dim=1) * alive[:, None]
+            lived += alive.float() * env.physics.foot_force.shape[1]
+            if on_step is not None:
+                on_step(env)
+            fell |= step.fell & alive
+            timed_out |= step.timed_out & alive
+            alive &= ~step.done
+        return Decision(reward, fell, timed_out, error, above, lived)
+
+    def reset(self, mask: torch.Tensor) -> None:
+        """Start new episodes in the worlds of ``mask``; their last latent becomes zero."""
+        self.env.reset(mask)
+        self.latent = torch.where(mask[:, None], 0.0, self.latent)

@@ -1,0 +1,171 @@
+"""Stage train-high: a low-level policy and a task -> a high-level policy that steers it by latents (paper section IV)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from lacoloco.robots.registry import load_robot
+from lacoloco.robots.spec import RobotSpec
+from tensordict import TensorDict
+
+from lacoloco.pipelines.learn.latents import project
+from lacoloco.pipelines.learn.networks import NetworkConfig, set_std
+from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
+from lacoloco.pipelines.policies import Head, Policy, load_policies, save_policies
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
+from lacoloco.pipelines.sim.state import layout, width
+from lacoloco.pipelines.sim.tasks import reach_task
+from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.pipelines.training import train
+
+POLICY = "policy"
+SHOWN = ("reward", "final_error", "falls_per_episode", "std")
+
+
+@dataclass(frozen=True)
+class TrainHighConfig:
+    """High-level training.
+
+    Attributes:
+        worlds: parallel worlds.
+        decisions: high-level samples in all; each takes five control steps.
+        std: exploration std of the unnormalised latent at the start and at the end.
+        reward_scale: factor on the task's reward.
+        low_noise: the frozen low level acts on noisy observations, as on a robot.
+    """
+
+    worlds: int = 512
+    decisions: int = 600_000
+    std: tuple[float, float] = (0.5, 0.2)
+    reward_scale: float = 10.0
+    ppo: PpoConfig = field(
+        default_factory=lambda: PpoConfig(
+            horizon=20, epochs=5, minibatches=4, gamma=0.97, bound=1.5, bound_weight=0.1, deterministic_share=0.0
+        )
+    )
+    networks: NetworkConfig = field(default_factory=lambda: NetworkConfig(actor=(256, 128), critic=(256, 128)))
+
+
+def laptop() -> TrainHighConfig:
+    """A few minutes on two cores."""
+    return TrainHighConfig()
+
+
+def smoke() -> TrainHighConfig:
+    """Seconds; only to see that everything runs."""
+    return TrainHighConfig(
+        worlds=16,
+        decisions=16 * 4 * 2,
+        ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
+        networks=NetworkConfig(actor=(32,), critic=(32,)),
+    )
+
+
+PRESETS: dict[str, Callable[[], TrainHighConfig]] = {"smoke": smoke, "laptop": laptop}
+
+
+def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageResult:
+    """Train one seed over the low level in artifact ``low``; the result holds both levels.
+
+    Raises:
+        ArtifactError: ``low`` is missing, damaged, or holds no low level.
+    """
+    artifact, policies = load_policies(low, "low", device=context.device)
+    spec = load_robot(artifact.robot)
+    method = artifact.metadata["method"]
+    directory = context.store.begin(
+        context.run, "train-high", resume=context.resume, label=f"{method}-seed{context.seed}"
+    )
+    trainer = HighTrainer(spec, policies["low"], config, seed=context.seed, device=context.device)
+    metrics = train(
+        trainer, trainer.iterations, directory.path, context, f"train-high {method} seed {context.seed}", SHOWN
+    )
+    save_policies(
+        directory.file("artifact.h5"),
+        [policies["low"], trainer.policy()],
+        spec=spec,
+        context=context,
+        config=asdict(config),
+        parents=[low],
+        metrics=metrics,
+        metadata={"method": method, "hold_steps": HOLD_STEPS},
+    )
+    return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+
+
+class HighTrainer:
+    """PPO over latents on the reach task; see :class:`lacoloco.pipelines.training.Trainer`."""
+
+    def __init__(self, spec: RobotSpec, low: Policy, config: TrainHighConfig, *, seed: int, device: str) -> None:
+        """Build the hierarchy and the learner."""
+        torch.manual_seed(seed)
+        self.config = config
+        env = LeggedEnv(spec, reach_task(spec), config.worlds, seed=seed, device=device)
+        self.latent_dim = low.head.sizes["latent"]
+        self.env = LatentSteeredEnv(env, low, self.latent_dim)
+        # Whole decisions only, so that time-outs stay on the boundary between two latents.
+        env.steps = HOLD_STEPS * torch.randint(0, env.task.episode_steps // HOLD_STEPS, (config.worlds,), generator=env.draw)
+        sizes = {POLICY: width(self.env.terms)}
+        self.algorithm = Ppo(sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device)
+        self.head = Head("high", sizes, self.latent_dim, config.networks, layout(self.env.terms), "reach")
+        self.samples_per_iteration = config.worlds * config.ppo.horizon * HOLD_STEPS
+        self.algorithm.warm_up(self._random_observations())
+
+    @property
+    def iterations(self) -> int:
+        """Iterations that the budget of decisions allows."""
+        return max(1, round(self.config.decisions / (self.config.worlds * self.config.ppo.horizon)))
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """One rollout and its update."""
+        env, algorithm, config = self.env, self.algorithm, self.config
+        std = config.std[0] ** (1.0 - progress) * config.std[1] ** progress
+        set_std(algorithm.actor, std)
+        obs = self._observe()
+        reward = falls = errors = ended = 0.0
+        for _ in range(config.ppo.horizon):
+            decision = env.step(project(algorithm.act(obs)))
+            next_obs = self._observe()
+            algorithm.record(decision.reward * config.reward_scale, decision.fell, decision.timed_out, next_obs)
+            env.reset(decision.done)
+            obs = self._observe() if bool(decision.done.any()) else next_obs
+            reward += float(decision.reward.mean()) / config.ppo.horizon
+            falls += float(decision.fell.sum())
+            ended += float(decision.done.sum())
+            errors += float(decision.error[decision.done].sum())
+        algorithm.compute_returns(obs)
+        figures = algorithm.update()
+        if ended:
+            figures |= {"final_error": errors / ended, "falls_per_episode": falls / ended}
+        return figures | {"reward": reward, "std": std, "episodes": ended}
+
+    def policy(self) -> Policy:
+        """The trained actor, deterministic; its output is projected to the sphere by whoever uses it."""
+        return Policy(self.head, self.algorithm.actor.eval())
+
+    def state_dict(self) -> dict[str, Any]:
+        """See :class:`lacoloco.pipelines.training.Trainer`."""
+        return {"algorithm": self.algorithm.save(), "env": self.env.env.state_dict(), "latent": self.env.latent}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """See :class:`lacoloco.pipelines.training.Trainer`."""
+        self.algorithm.load(state["algorithm"], None, True)
+        self.env.env.load_state_dict(state["env"])
+        self.env.latent = state["latent"].to(self.env.device)
+
+    def _observe(self) -> TensorDict:
+        return TensorDict({POLICY: self.env.observe()}, batch_size=[self.env.num_worlds])
+
+    def _random_observations(self) -> TensorDict:
+        seen = []
+        for _ in range(8):
+            z = project(torch.randn(self.env.num_worlds, self.latent_dim, device=self.env.device))
+            decision = self.env.step(z)
+            self.env.reset(decision.done)
+            seen.append(self._observe())
+        return torch.cat(seen)

@@ -1,0 +1,253 @@
+"""Stage train-low: motions -> a low-level policy steered by latents (ASE, with a GAN or DRAIL discriminator, with or without CaT)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.clip import load_clips
+from lacoloco.robots.registry import load_robot
+from lacoloco.robots.spec import RobotSpec
+from tensordict import TensorDict
+
+from lacoloco.pipelines.coverage import skill_coverage
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
+from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
+from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule
+from lacoloco.pipelines.learn.networks import NetworkConfig, set_std
+from lacoloco.pipelines.learn.ppo import PpoConfig
+from lacoloco.pipelines.policies import Head, Policy, save_policies
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.state import RobotState, layout, style_frame, width
+from lacoloco.pipelines.sim.tasks import imitate_task
+from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.pipelines.training import train
+
+SHOWN = ("imitation_reward", "encoder_cosine", "agent_accuracy", "speed", "falls_per_1000_steps")
+
+
+@dataclass(frozen=True)
+class TrainLowConfig:
+    """Low-level training.
+
+    Attributes:
+        cat: constrain the foot forces (Constraints as Terminations).
+        cat_ramp: shares of the training between which the constraint rises to full strength.
+        clip_share: share of resets that start inside a clip.
+        std: exploration std at the start and at the end, in raw action units (x action scale = rad).
+        std_until: share of the training at which the end value is reached.
+        skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
+    """
+
+    worlds: int = 512
+    samples: int = 3_000_000
+    cat: bool = True
+    cat_ramp: tuple[float, float] = (0.6, 0.8)
+    clip_share: float = 0.5
+    std: tuple[float, float] = (0.35, 0.1)
+    std_until: float = 0.9
+    skill_shares: tuple[tuple[str, float], ...] = ()
+    latents: LatentConfig = field(default_factory=LatentConfig)
+    ppo: PpoConfig = field(default_factory=PpoConfig)
+    networks: NetworkConfig = field(default_factory=NetworkConfig)
+    ase: AseConfig = field(default_factory=AseConfig)
+
+
+def laptop() -> TrainLowConfig:
+    """A few minutes on two cores."""
+    return TrainLowConfig()
+
+
+def smoke() -> TrainLowConfig:
+    """Seconds; only to see that everything runs."""
+    return TrainLowConfig(
+        worlds=16,
+        samples=16 * 8 * 3,
+        ppo=PpoConfig(horizon=8, epochs=1, minibatches=2),
+        networks=NetworkConfig(actor=(32,), critic=(32,)),
+        ase=AseConfig(updates=2, batch=64, replay_capacity=256),
+    )
+
+
+PRESETS: dict[str, Callable[[], TrainLowConfig]] = {"smoke": smoke, "laptop": laptop}
+
+
+def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path]) -> StageResult:
+    """Train one seed on the clips of one or more motion artifacts and write the policy.
+
+    Raises:
+        StageError: the artifacts hold clips of different robots.
+        ArtifactError: an input is missing or damaged.
+    """
+    clips, spec = load_motions(motions)
+    method = f"{config.ase.discriminator}{'-cat' if config.cat else ''}"
+    directory = context.store.begin(
+        context.run, "train-low", resume=context.resume, label=f"{method}-seed{context.seed}"
+    )
+    library = MotionLibrary(clips, device=context.device)
+    trainer = LowTrainer(spec, library, config, seed=context.seed, device=context.device)
+    metrics = train(
+        trainer, trainer.iterations, directory.path, context, f"train-low {method} seed {context.seed}", SHOWN
+    )
+    policy = trainer.policy()
+    metrics |= trainer.closing_figures() | skill_coverage(spec, policy, library, seed=context.seed)
+    save_policies(
+        directory.file("artifact.h5"),
+        [policy],
+        spec=spec,
+        context=context,
+        config=asdict(config),
+        parents=list(motions),
+        metrics=metrics,
+        metadata={"method": method},
+    )
+    return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+
+
+def load_motions(paths: Sequence[Path]) -> tuple[list, RobotSpec]:
+    """All clips of several motion artifacts, and their robot.
+
+    Raises:
+        StageError: no artifact, or artifacts of different robots.
+    """
+    from lacoloco.datasets.artifact import read_header
+
+    robots = {read_header(path).robot for path in paths}
+    if len(robots) != 1:
+        found = ", ".join(sorted(robots)) or "none"
+        raise StageError(f"motions of exactly one robot are needed, found: {found}; name them with --motions")
+    spec = load_robot(robots.pop())
+    return [clip for path in paths for clip in load_clips(path, robot=spec.name)], spec
+
+
+class LowTrainer:
+    """ASE on the imitation task; see :class:`lacoloco.pipelines.training.Trainer`."""
+
+    def __init__(
+        self, spec: RobotSpec, library: MotionLibrary, config: TrainLowConfig, *, seed: int, device: str
+    ) -> None:
+        """Build environment, latents and learner."""
+        torch.manual_seed(seed)
+        self.config, self.spec, self.library = config, spec, library
+        task = imitate_task(spec, constrained=config.cat)
+        task = replace(task, reset=replace(task.reset, clip_share=config.clip_share))
+        self.env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device, motions=library)
+        self.env.stagger()
+        self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)
+        self.terminations = SoftTerminations({c.name: c.max_p for c in task.constraints})
+        self.draw = torch.Generator().manual_seed(seed + 2)
+        sizes = {POLICY: width(self.env.terms), LATENT: config.latents.dim}
+        self.algorithm = Ase(
+            sizes,
+            self.env.num_actions,
+            config.worlds,
+            self.demonstrations,
+            ppo=config.ppo,
+            networks=config.networks,
+            ase=config.ase,
+            seed=seed + 3,
+            device=device,
+        )
+        self.head = Head("low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate")
+        self.samples_per_iteration = config.worlds * config.ppo.horizon
+        self.recent_falls: list[float] = []
+        self.algorithm.warm_up(self._reset_observations())
+
+    @property
+    def iterations(self) -> int:
+        """Iterations that the budget of samples allows."""
+        return max(1, round(self.config.samples / self.samples_per_iteration))
+
+    def demonstrations(self, count: int) -> torch.Tensor:
+        """(count, 2F) clean style transitions of the clips, older frame first, like the agent's (facts 9.2, B1)."""
+        before, after = self.library.sample_transitions(count, CONTROL_DT, generator=self.draw)
+        return torch.cat([style_frame(RobotState.from_motion(frames)) for frames in (before, after)], dim=-1)
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """One rollout and its update."""
+        config, env, algorithm = self.config, self.env, self.algorithm
+        std = _interpolate(config.std, progress / config.std_until)
+        set_std(algorithm.actor, std)
+        strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
+        falls = speed = delta_sum = 0.0
+        frame, obs = env.frame(), self._observe()
+        for _ in range(config.ppo.horizon):
+            step = env.step(algorithm.act(obs))
+            next_frame, next_obs = env.frame(), self._observe()
+            delta = self.terminations(step.violations, strength) if step.violations else None
+            algorithm.record_transition(frame, next_frame, step.valid)
+            algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
+            falls += float(step.fell.sum())
+            speed += float(env.state.lin_vel_b[:, :2].norm(dim=-1).mean())
+            delta_sum += float(delta.mean()) if delta is not None else 0.0
+            env.reset(step.done)
+            self.latents.advance(step.done)
+            frame, obs = env.frame(), self._observe()
+        algorithm.compute_returns(obs)
+        figures = algorithm.update()
+        self.recent_falls.append(falls)
+        return figures | {
+            "speed": speed / config.ppo.horizon,
+            "falls_per_1000_steps": 1000.0 * falls / self.samples_per_iteration,
+            "delta": delta_sum / config.ppo.horizon,
+            "violations": sum(float(share) for share in self.terminations.violated.values()),
+            "std": std,
+        }
+
+    def closing_figures(self) -> dict[str, float]:
+        """Falls in the last hundredth of the samples and the clips' mean planar speed [m/s], to compare with ``speed``."""
+        last = max(1, len(self.recent_falls) // 100)
+        frames = self.demonstrations(16384)[:, : self.algorithm.normalizer.mean.shape[0]]
+        return {
+            "falls_last_1pct": sum(self.recent_falls[-last:]),
+            "clip_speed": float(frames[:, 4:6].norm(dim=-1).mean()),
+            "diverged_worlds": float(self.env.diverged_total),
+        }
+
+    def policy(self) -> Policy:
+        """The trained actor, deterministic."""
+        return Policy(self.head, self.algorithm.actor.eval())
+
+    def state_dict(self) -> dict[str, Any]:
+        """See :class:`lacoloco.pipelines.training.Trainer`."""
+        return {
+            "algorithm": self.algorithm.save(),
+            "env": self.env.state_dict(),
+            "latents": self.latents.state_dict(),
+            "terminations": self.terminations.state_dict(),
+            "draw": self.draw.get_state(),
+            "recent_falls": self.recent_falls,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """See :class:`lacoloco.pipelines.training.Trainer`."""
+        self.algorithm.load(state["algorithm"])
+        self.env.load_state_dict(state["env"])
+        self.latents.load_state_dict(state["latents"])
+        self.terminations.load_state_dict(state["terminations"])
+        self.draw.set_state(state["draw"])
+        self.recent_falls = list(state["recent_falls"])
+
+    def _observe(self) -> TensorDict:
+        return TensorDict({POLICY: self.env.observe(), LATENT: self.latents.z}, batch_size=[self.env.num_worlds])
+
+    def _reset_observations(self) -> TensorDict:
+        # Clip frames and default starts are close to where the policy should end up.
+        seen = []
+        for _ in range(8):
+            self.env.reset(torch.ones(self.env.num_worlds, dtype=torch.bool, device=self.env.device))
+            seen.append(self._observe())
+        self.env.stagger()
+        return torch.cat(seen)
+
+
+def _interpolate(ends: tuple[float, float], share: float) -> float:
+    """Geometric interpolation from the first to the second value as ``share`` goes from 0 to 1."""
+    share = min(max(share, 0.0), 1.0)
+    return float(ends[0] ** (1.0 - share) * ends[1] ** share)
