@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -41,6 +41,26 @@ def apply_overrides(config: Config, assignments: Sequence[str]) -> Config:
             raise OverrideError(f"--set {assignment}: write it as path.to.field=value")
         config = _replaced(config, keys, text.strip(), root=config, path=".".join(keys))
     return config
+
+
+def restored(template: Config, stored: Mapping[str, Any]) -> Config:
+    """Make a config again from what an artifact keeps of it (JSON: tuples are lists there).
+
+    Args:
+        template: A config of the same type; its values stand for fields not stored.
+        stored: `Header.config`.
+    """
+    changes = {}
+    for field in dataclasses.fields(template):  # type: ignore[arg-type]
+        if field.name in stored:
+            value, old = stored[field.name], getattr(template, field.name)
+            nested = dataclasses.is_dataclass(old) and isinstance(value, Mapping)
+            changes[field.name] = restored(old, value) if nested else _tuples(value)
+    return dataclasses.replace(template, **changes)  # type: ignore[type-var]
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(item) for item in value) if isinstance(value, list) else value
 
 
 def field_paths(config: Any) -> Iterator[str]:

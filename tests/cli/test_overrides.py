@@ -1,12 +1,13 @@
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import pytest
 
-from lacoloco_cli.overrides import OverrideError, apply_overrides, field_paths
+from lacoloco_cli.overrides import OverrideError, apply_overrides, field_paths, restored
 
 
 @dataclass(frozen=True)
@@ -125,3 +126,10 @@ def test_field_paths_lists_every_leaf():
         "schedule",
     ]
     assert "ppo.epochs" in set(field_paths(Stage()))
+
+
+def test_config_comes_back_from_the_json_of_an_artifact():
+    config = Stage(samples=7, ppo=Ppo(hidden=(8, 4), shares=(("walk", 0.5), ("dog", 0.5))))
+    kept = json.loads(json.dumps(asdict(config), default=str))
+    del kept["log"]
+    assert restored(Stage(), kept) == config

@@ -1,0 +1,118 @@
+"""`lacoloco eval`: the paper's Table I for the policies of a run."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from lacoloco_cli import console
+from lacoloco_cli.missing_seeds import missing, train_missing, trained
+from lacoloco_cli.options import Seeds
+from lacoloco_cli.session import Session, path_text, verb
+
+app = typer.Typer()
+
+COLUMNS = {
+    "method": "method",
+    "seed": "seed",
+    "episodes": "episodes",
+    "ee_error_mean_m": "error m",
+    "ee_error_std_m": "std m",
+    "contact_violation_pct": "violation %",
+    "falls_pct": "falls %",
+}
+"""Key of a row -> heading."""
+
+
+@verb(app)
+def evaluate(
+    session: Session,
+    policy: Annotated[
+        list[Path] | None,
+        typer.Option("--policy", help="High-level policy; may be repeated. Default: the run's."),
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option("--episodes", min=1, help="Reported episodes per policy.")
+    ] = None,
+    seeds: Seeds = 1,
+    fill: Annotated[
+        bool, typer.Option("--train-missing", help="Train the seeds that are not there yet.")
+    ] = False,
+) -> None:
+    """Measure error, falls and constraint violations; choose the best on other episodes."""
+    from lacoloco.pipelines import evaluate as stage
+
+    config = session.config(stage.PRESETS)
+    if episodes is not None:
+        config = replace(config, episodes=episodes)
+    coverage: dict[str, Any] = {}
+    if policy is None:
+        policy, coverage = policies_of_run(session, seeds, fill)
+    result = stage.run(config, session.context(), policies=policy)
+    answer = {"artifact": path_text(result.artifact), **result.metrics, **coverage}
+    session.answer(answer, lambda: show(answer))
+    if coverage.get("train_missing"):
+        console.note(
+            f"WARNING: {coverage['seeds_found']} of {coverage['seeds_asked']} seeds are trained; "
+            f"train the rest with: {coverage['train_missing']}"
+        )
+
+
+def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path], dict[str, Any]]:
+    """Choose the run's policies with the seeds asked for, and say which are not there.
+
+    One seed means the newest policy, whatever its seed; several mean those counted up from
+    `--seed`, of every method in the run.
+
+    Returns:
+        Paths, and `seeds_asked`, `seeds_found` (of the method with the fewest) and, when some are
+        missing, the command `train_missing`.
+
+    Raises:
+        ArtifactError: The run has no policy at all.
+    """
+    newest = session.store.newest(session.run_name, "train-high")
+    if seeds == 1:
+        return [newest], {"seeds_asked": 1, "seeds_found": 1}
+    asked = range(session.seed, session.seed + seeds)
+    found = trained(session, "train-high")
+    absent = missing(found, asked)
+    if fill:
+        for method, seed in absent:
+            session.progress.say(f"training {method} seed {seed}, which the run does not have")
+            train_missing(session, method, seed)
+        found, absent = trained(session, "train-high"), []
+    most_absent = max(Counter(method for method, _ in absent).values(), default=0)
+    coverage = {"seeds_asked": seeds, "seeds_found": seeds - most_absent}
+    if absent:
+        options = ["--run", session.run_name, "--seeds", str(seeds), "--train-missing"]
+        coverage["train_missing"] = shlex.join(["lacoloco", "eval", *options])
+    return [one.header.path for one in found if one.seed in asked] or [newest], coverage
+
+
+def show(answer: Mapping[str, Any]) -> None:
+    """Print a row per policy, then mean and spread over seeds, then the best."""
+    rows = answer["rows"]
+    console.print_table(list(COLUMNS.values()), [[row[key] for key in COLUMNS] for row in rows])
+    for method, figures in answer["summary"].items():
+        if figures["seeds"] > 1:
+            typer.echo(
+                f"{method}, {figures['seeds']} seeds: "
+                f"error {_spread(figures, 'ee_error_mean_m')} m, "
+                f"violation {_spread(figures, 'contact_violation_pct')} %, "
+                f"falls {_spread(figures, 'falls_pct')} %"
+            )
+    best = answer["best"]
+    if len(rows) > 1:
+        typer.echo(f"best on other episodes: {best['method']} seed {best['seed']}")
+    typer.echo(f"artifact: {answer['artifact']}")
+
+
+def _spread(figures: Mapping[str, float], name: str) -> str:
+    return f"{figures[f'{name}_mean']:.4g} +- {figures[f'{name}_spread']:.2g}"
