@@ -29,8 +29,8 @@ def storage_errors(path: Path | str, action: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = (error.strerror or str(error).splitlines()[0]).lower()
-        raise ArtifactError(
-            f"{path}: cannot {action}: {reason}; check permissions and free space,"
-            " or choose another place with LACOLOCO_RUNS"
-        ) from error
+        reason = (error.strerror or str(error) or type(error).__name__).lower()
+        advice = "check its permissions"
+        if action != "read":
+            advice += " and the free space, or choose another place with LACOLOCO_RUNS"
+        raise ArtifactError(f"{path}: cannot {action}: {reason}; {advice}") from error
