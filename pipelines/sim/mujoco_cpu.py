@@ -7,9 +7,14 @@ import numpy as np
 import torch
 from mujoco.batch import Batch
 
-from lacoloco.pipelines.sim.physics import PHYSICS_DT, SUBSTEPS, PhysicsRequest, WorldParameters, monitored_bodies
-
-_FATAL = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")]
+from lacoloco.pipelines.sim.physics import (
+    CONTROL_DT,
+    PHYSICS_DT,
+    SUBSTEPS,
+    PhysicsRequest,
+    WorldParameters,
+    monitored_bodies,
+)
 
 
 class BatchPhysics:
@@ -27,12 +32,12 @@ class BatchPhysics:
         self.monitored = monitored_bodies(spec)
         self._batch = Batch(self.model, self.num_worlds, nthread=request.threads)
         self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._time = self._batch.bind("time")
         self._feet = np.stack([_columns(self.model, f"force_{body}") for body in spec.feet])
         self._bodies = np.stack([_columns(self.model, f"force_{body}") for body in self.monitored])
         bodies = {self.model.body(name).id for name in spec.feet}
         self._foot_geoms = [g for g in range(self.model.ngeom) if self.model.geom_bodyid[g] in bodies]
         self._base = int(self.model.jnt_bodyid[0])
-        self._warned = self._fatal_warnings()
         self._record: dict[str, np.ndarray] | None = None
         self.step(torch.zeros(self.num_worlds, self.model.nu))
         self.reset(torch.arange(self.num_worlds), *self._default_state())
@@ -40,14 +45,16 @@ class BatchPhysics:
     def step(self, targets: torch.Tensor) -> None:
         """Hold joint targets (N, J) [rad] for one control step; see the contract."""
         self._ctrl[:] = targets.numpy()
+        due = self._time + CONTROL_DT
         # A dict of (N, S, ...) arrays, one row per substep, written in place from the second call on.
         self._record = self._batch.rollout(SUBSTEPS, record=("sensordata", "actuator_force"), out=self._record)
         sensors = self._record["sensordata"]
         self.foot_force = torch.from_numpy(_norms(sensors, self._feet)).float()
         self.body_force = torch.from_numpy(_norms(sensors, self._bodies).max(axis=1)).float()
         self.torque = torch.from_numpy(self._record["actuator_force"][:, -1]).float()
-        warned = self._fatal_warnings()
-        self.diverged, self._warned = torch.from_numpy(warned != self._warned), warned
+        # A world that MuJoCo resets starts its clock again from zero, and one that warns of anything, also of a target
+        # that is not a number, stops. The counters of warnings do not tell: they are reset with their world.
+        self.diverged = torch.from_numpy(np.abs(self._time - due) > 0.5 * PHYSICS_DT)
         self._refresh()
 
     def reset(self, ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
@@ -58,7 +65,7 @@ class BatchPhysics:
         self._batch.reset(rows, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._qpos[rows], self._qvel[rows] = qpos.numpy(), qvel.numpy()
         self._ctrl[rows] = qpos[:, 7:].numpy()
-        self._warned = self._fatal_warnings()
+        self._time[rows] = CONTROL_DT  # not zero, where MuJoCo's own resets put it
         self._refresh()
 
     def push(self, ids: torch.Tensor, velocity: torch.Tensor) -> None:
@@ -89,10 +96,6 @@ class BatchPhysics:
     def _default_state(self) -> tuple[torch.Tensor, torch.Tensor]:
         qpos = torch.from_numpy(self.model.qpos0).float().repeat(self.num_worlds, 1)
         return qpos, torch.zeros(self.num_worlds, self.model.nv)
-
-    def _fatal_warnings(self) -> np.ndarray:
-        # (N, warning type, (last info, count)): MuJoCo resets a bad world by itself and only counts it here.
-        return self._batch.warning[:, _FATAL, 1].sum(axis=1)
 
     def _refresh(self) -> None:
         # New tensors every time: callers keep the previous step's without copying.
