@@ -1,0 +1,58 @@
+"""Which recordings a command line means: files, folders and patterns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from glob import glob, has_magic
+from pathlib import Path
+
+from lacoloco.pipelines.errors import StageError
+
+SUFFIX = ".bvh"
+
+
+def find_recordings(inputs: Sequence[str | Path]) -> list[Path]:
+    """Expand inputs into files, each once, in order.
+
+    A folder gives all .bvh files below it, a pattern what it matches, anything else itself, whether
+    it exists or not: reading it will say what is wrong with it.
+
+    Raises:
+        StageError: A folder or a pattern that gives nothing.
+    """
+    found: dict[Path, None] = {}
+    for item in inputs:
+        found |= dict.fromkeys(_expanded(item))
+    return list(found)
+
+
+def clip_names(paths: Sequence[Path]) -> list[str]:
+    """One name per file: its stem, with the folders above it as far as that is ambiguous."""
+    names = [path.stem for path in paths]
+    for depth in range(1, max((len(path.parts) for path in paths), default=1)):
+        repeated = {name for name in names if names.count(name) > 1}
+        if not repeated:
+            break
+        names = [
+            "/".join([*path.parts[-depth - 1 : -1], path.stem]) if name in repeated else name
+            for name, path in zip(names, paths, strict=True)
+        ]
+    return names
+
+
+def _expanded(item: str | Path) -> list[Path]:
+    path = Path(item)
+    if path.exists() or not has_magic(str(item)):
+        matches = [path]
+    else:
+        matches = sorted(Path(match) for match in glob(str(item), recursive=True))
+        if not matches:
+            raise StageError(f"{item}: matches no file")
+    files = [file for match in matches for file in (_inside(match) if match.is_dir() else [match])]
+    if not files:
+        raise StageError(f"{item}: no {SUFFIX} file in this folder")
+    return files
+
+
+def _inside(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.rglob("*") if p.suffix.lower() == SUFFIX and p.is_file())
