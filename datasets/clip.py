@@ -135,7 +135,14 @@ class Clip:
         Raises:
             DatasetError: the first thing that is wrong, with the name of the clip.
         """
-        problem = series.problem(self)
+        if not 0 < self.fps < np.inf:
+            problem = f"has {self.fps} frames per second"
+        elif len(set(self.joint_names)) < len(self.joint_names):
+            problem = "names a joint twice"
+        elif not 0 <= self.weight < np.inf:
+            problem = f"has weight {self.weight}; it must be zero or positive"
+        else:
+            problem = series.problem(self._rows(), len(self.joint_names))
         if problem:
             raise DatasetError(f"clip '{self.name}': {problem}")
 

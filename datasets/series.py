@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lacoloco.datasets import rotations
-
-if TYPE_CHECKING:
-    from lacoloco.datasets.clip import Clip
 
 SERIES = ("root_pos", "root_quat", "root_lin_vel_b", "root_ang_vel_b", "joint_pos", "joint_vel")
 """The fields of a clip that hold one row per frame."""
@@ -52,30 +47,29 @@ def resampled(series: dict[str, np.ndarray], fps: float, new_fps: float) -> dict
     return result
 
 
-def problem(clip: Clip) -> str:
-    """The first thing that is wrong with a clip, in words; "" when nothing is."""
-    frames, joints = len(clip.root_pos), len(clip.joint_names)
+def problem(rows: dict[str, np.ndarray], joints: int) -> str:
+    """The first thing that is wrong with the series of a clip, in words; "" when nothing is.
+
+    Args:
+        rows: the series by name, "contacts" only if known.
+        joints: how many joints they should be for.
+    """
+    frames = len(rows["root_pos"])
     if frames == 0:
         return "has no frames"
-    if not 0 < clip.fps < np.inf:
-        return f"has {clip.fps} frames per second"
-    if len(set(clip.joint_names)) < joints:
-        return "names a joint twice"
-    if not 0 <= clip.weight < np.inf:
-        return f"has weight {clip.weight}; it must be zero or positive"
     for name in SERIES:
-        series = getattr(clip, name)
         expected = (frames, _WIDTHS.get(name, joints))
-        if series.shape != expected:
-            return f"{name} has shape {series.shape}, expected {expected}"
-        if not np.isfinite(series).all():
-            bad = int(np.argmax(~np.isfinite(series).all(1)))
-            return f"{name} is not finite in frame {bad}"
-    error = np.abs(np.sqrt((clip.root_quat**2).sum(1)) - 1)
+        if rows[name].shape != expected:
+            return f"{name} has shape {rows[name].shape}, expected {expected}"
+        finite = np.isfinite(rows[name])
+        if not finite.all():
+            return f"{name} is not finite in frame {int(np.argmin(finite.all(1)))}"
+    error = np.abs(np.sqrt((rows["root_quat"] ** 2).sum(1)) - 1)
     if error.max() > 1e-3:
         return f"root_quat is not of unit length in frame {int(error.argmax())}"
-    if clip.contacts is not None and (
-        clip.contacts.ndim != 2 or len(clip.contacts) != frames or clip.contacts.dtype != bool
+    contacts = rows.get("contacts")
+    if contacts is not None and (
+        contacts.ndim != 2 or len(contacts) != frames or contacts.dtype != bool
     ):
-        return f"contacts have shape {clip.contacts.shape}, expected ({frames}, feet) of bool"
+        return f"contacts have shape {contacts.shape}, expected ({frames}, feet) of bool"
     return ""
