@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+import torch
+
+from lacoloco.datasets import rotations
+from lacoloco.datasets.clip import Clip
+from lacoloco.datasets.library import MotionLibrary
+from lacoloco.robots.registry import load_robot, robot_names
+
+
+@pytest.fixture
+def solo12():
+    return load_robot("solo12")
+
+
+@pytest.fixture
+def h1():
+    return load_robot("h1")
+
+
+@pytest.fixture(params=robot_names())
+def robot(request):
+    return load_robot(request.param)
+
+
+@pytest.fixture
+def in_a_temporary_folder(tmp_path, monkeypatch):
+    """Where MuJoCo may leave the log of the warnings that a test provokes."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def make_motions():
+    """Factory of a library of two clips in which a robot trots straight on while it turns.
+
+    The base moves forward in its own frame at 0.4 m/s and turns at 0.5 rad/s, at the height at
+    which it stands; every joint swings by 0.1 rad around its default.
+    """
+
+    def factory(spec, frames=60, fps=50.0):
+        time = np.arange(frames) / fps
+        clips = []
+        for index, phase in enumerate((0.0, 1.0)):
+            yaw = 0.5 * time + phase
+            path = np.stack([np.sin(yaw) / 0.5, -np.cos(yaw) / 0.5], axis=1) * 0.4
+            root_pos = np.column_stack([path, np.full(frames, spec.default_height())])
+            swing = np.sin(8.0 * time[:, None] + phase + np.arange(spec.num_joints))
+            joints = np.array(spec.default_joint_pos) + 0.1 * swing
+            clips.append(
+                Clip.from_poses(
+                    f"clip_{index}",
+                    fps,
+                    spec.joint_names,
+                    root_pos,
+                    rotations.from_yaw(yaw),
+                    joints,
+                    skill="walk",
+                )
+            )
+        return MotionLibrary(clips)
+
+    return factory
+
+
+@pytest.fixture
+def motions(make_motions, solo12):
+    return make_motions(solo12)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """Small tensors gain nothing from more, and sums then come in one order."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
