@@ -112,13 +112,14 @@ class LeggedEnv:
         diverged = self.physics.diverged
         self.diverged_total += int(diverged.sum())
         fell = (self.physics.body_force[:, self._falls] > FALL_FORCE).any(dim=-1) | diverged
-        step = Step(
-            reward=self._reward(),
-            fell=fell,
-            timed_out=(self.steps >= self.task.episode_steps) & ~fell,
-            valid=~diverged,
-            violations={c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints},
-        )
+        reward = self._reward()
+        violations = {c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints}
+        if bool(diverged.any()):
+            # A broken world may report any force, and the constraints' running maxima over all worlds would keep it.
+            reward = reward.masked_fill(diverged, 0.0)
+            violations = {name: margin.masked_fill(diverged[:, None], 0.0) for name, margin in violations.items()}
+        timed_out = (self.steps >= self.task.episode_steps) & ~fell
+        step = Step(reward, fell, timed_out, ~diverged, violations)
         self._push()
         self._resample()
         return step
