@@ -9,15 +9,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
-from lacoloco.datasets.library import MotionLibrary
-from lacoloco.robots.spec import RobotSpec
 
+from lacoloco.datasets.library import MotionLibrary
 from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, ResetConfig, imitate_task
+from lacoloco.robots.spec import RobotSpec
 
 WALK_SPEED = 0.15
 """Mean planar speed [m/s] over the second half of the hold from which a latent counts as walking."""

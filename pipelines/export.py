@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from lacoloco.datasets.artifact import Artifact, write_artifact
-from lacoloco.robots.registry import load_robot
-from lacoloco.robots.spec import RobotSpec
 from torch import nn
 
+from lacoloco.datasets.artifact import Artifact, write_artifact
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import Policy, load_policies
@@ -23,6 +21,8 @@ from lacoloco.pipelines.rollout import record_reach
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.robots.registry import load_robot
+from lacoloco.robots.spec import RobotSpec
 
 TOLERANCE = 1e-5
 FORMAT_VERSION = 1

@@ -7,11 +7,9 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import torch
+
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, save_clips
-from lacoloco.robots.registry import load_robot
-from lacoloco.robots.spec import RobotSpec
-
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.experts import ExpertConfig, ExpertTrainer, reach_expert, smoke_expert
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
@@ -20,6 +18,8 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, TASKS
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training import train
+from lacoloco.robots.registry import load_robot
+from lacoloco.robots.spec import RobotSpec
 
 SKILLS = {"walk": "walk", "reach_in_place": "reach"}
 """Expert task -> skill name of its clips."""

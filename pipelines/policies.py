@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from rsl_rl.models import MLPModel
+
 from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.state import flatten_state, unflatten_state
-from lacoloco.robots.spec import RobotSpec
-from rsl_rl.models import MLPModel
-
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.stage import StageContext
+from lacoloco.robots.spec import RobotSpec
 
 SCHEMA = "lacoloco/policy"
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from lacoloco.robots.registry import load_robot
 
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import load_policies
@@ -15,6 +14,7 @@ from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, reach_task
+from lacoloco.robots.registry import load_robot
 
 
 @dataclass(frozen=True)

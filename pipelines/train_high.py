@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from lacoloco.robots.registry import load_robot
-from lacoloco.robots.spec import RobotSpec
 from tensordict import TensorDict
 
+from lacoloco.pipelines.episodes import play_episodes
 from lacoloco.pipelines.learn.latents import project
-from lacoloco.pipelines.learn.networks import NetworkConfig, set_std
+from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
 from lacoloco.pipelines.policies import Head, Policy, load_policies, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -22,6 +21,8 @@ from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training import train
+from lacoloco.robots.registry import load_robot
+from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
 SHOWN = ("reward", "final_error", "falls_per_episode", "std")
@@ -85,6 +86,7 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     metrics = train(
         trainer, trainer.iterations, directory.path, context, f"train-high {method} seed {context.seed}", SHOWN
     )
+    metrics |= _before_and_after(spec, policies["low"], trainer.policy(), config, context)
     save_policies(
         directory.file("artifact.h5"),
         [policies["low"], trainer.policy()],
@@ -96,6 +98,18 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
         metadata={"method": method, "hold_steps": HOLD_STEPS},
     )
     return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+
+
+def _before_and_after(
+    spec: RobotSpec, low: Policy, high: Policy, config: TrainHighConfig, context: StageContext
+) -> dict[str, float]:
+    """Mean final end-effector error [m] with random latents and with the trained high level, on the same episodes."""
+    episodes = min(256, config.worlds)
+    figures = {}
+    for name, policies in (("untrained_error", {"low": low}), ("trained_error", {"low": low, "high": high})):
+        played = play_episodes(spec, policies, episodes, worlds=episodes, seed=context.seed + 77, device=context.device)
+        figures[name] = played.figures()["ee_error_mean_m"]
+    return figures
 
 
 class HighTrainer:
@@ -124,7 +138,7 @@ class HighTrainer:
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
         env, algorithm, config = self.env, self.algorithm, self.config
-        std = config.std[0] ** (1.0 - progress) * config.std[1] ** progress
+        std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
         obs = self._observe()
         reward = falls = errors = ended = 0.0

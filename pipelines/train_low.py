@@ -8,18 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from lacoloco.datasets.library import MotionLibrary
-from lacoloco.datasets.clip import load_clips
-from lacoloco.robots.registry import load_robot
-from lacoloco.robots.spec import RobotSpec
 from tensordict import TensorDict
 
+from lacoloco.datasets.clip import load_clips
+from lacoloco.datasets.library import MotionLibrary
 from lacoloco.pipelines.coverage import skill_coverage
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule
-from lacoloco.pipelines.learn.networks import NetworkConfig, set_std
+from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Head, Policy, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -28,6 +26,8 @@ from lacoloco.pipelines.sim.state import RobotState, layout, style_frame, width
 from lacoloco.pipelines.sim.tasks import imitate_task
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training import train
+from lacoloco.robots.registry import load_robot
+from lacoloco.robots.spec import RobotSpec
 
 SHOWN = ("imitation_reward", "encoder_cosine", "agent_accuracy", "speed", "falls_per_1000_steps")
 
@@ -172,7 +172,7 @@ class LowTrainer:
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
         config, env, algorithm = self.config, self.env, self.algorithm
-        std = _interpolate(config.std, progress / config.std_until)
+        std = geometric(config.std, progress / config.std_until)
         set_std(algorithm.actor, std)
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
         falls = speed = delta_sum = 0.0
@@ -245,9 +245,3 @@ class LowTrainer:
             seen.append(self._observe())
         self.env.stagger()
         return torch.cat(seen)
-
-
-def _interpolate(ends: tuple[float, float], share: float) -> float:
-    """Geometric interpolation from the first to the second value as ``share`` goes from 0 to 1."""
-    share = min(max(share, 0.0), 1.0)
-    return float(ends[0] ** (1.0 - share) * ends[1] ** share)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import torch
+
 from lacoloco.datasets.artifact import read_artifact, write_artifact
 from lacoloco.datasets.state import flatten_state, unflatten_state
-
 from lacoloco.pipelines.stage import StageContext
 
 CHECKPOINT_SECONDS = 60.0

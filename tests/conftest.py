@@ -1,15 +1,19 @@
 """Fixtures that more than one room uses; everything else stands beside its tests."""
 
 import os
-import shutil
-import tempfile
-from pathlib import Path
 
-import numpy as np
-import pytest
+# Tiny tensors on several threads cost a hundred times what one thread takes when the cores are shared.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from lacoloco.datasets import rotations
-from lacoloco.datasets.clip import Clip
+import shutil  # noqa: E402
+import tempfile  # noqa: E402
+from pathlib import Path  # noqa: E402
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+
+from lacoloco.datasets import rotations  # noqa: E402
+from lacoloco.datasets.clip import Clip  # noqa: E402
 
 CHECKOUT = Path(__file__).parents[1]
 

@@ -31,7 +31,12 @@ def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> ML
         "std_type": "log",
         "learn_std": config.learn_std,
     }
-    return _model(sizes, actions, config.actor, config.activation, distribution)
+    actor = _model(sizes, actions, config.actor, config.activation, distribution)
+    with torch.no_grad():
+        # Begin with the default pose: a random offset per joint is one more thing to unlearn.
+        actor.mlp[-1].weight.mul_(0.05)
+        actor.mlp[-1].bias.zero_()
+    return actor
 
 
 def make_critic(sizes: dict[str, int], config: NetworkConfig) -> MLPModel:
@@ -48,6 +53,12 @@ def set_std(actor: MLPModel, std: float) -> None:
     """Set the exploration std of every action (only sensible when it is not learned)."""
     with torch.no_grad():
         actor.distribution.log_std_param.fill_(float(torch.tensor(std).log()))
+
+
+def geometric(ends: tuple[float, float], share: float) -> float:
+    """Geometric interpolation from the first to the second value as ``share`` goes from 0 to 1; clamped outside."""
+    share = min(max(share, 0.0), 1.0)
+    return float(ends[0] ** (1.0 - share) * ends[1] ** share)
 
 
 def _model(

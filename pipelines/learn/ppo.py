@@ -39,7 +39,7 @@ class PpoConfig:
     gamma: float = 0.99
     lam: float = 0.95
     clip: float = 0.2
-    learning_rate: float = 5e-4
+    learning_rate: float = 2e-4
     min_learning_rate: float = 5e-5
     max_learning_rate: float = 2e-3
     critic_learning_rate: float = 1e-3

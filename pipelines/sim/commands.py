@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from lacoloco.datasets.rotations import rotate_inverse
 
+from lacoloco.datasets.rotations import rotate_inverse
 from lacoloco.pipelines.sim.state import RobotState
 
 Range = tuple[float, float]

@@ -11,18 +11,24 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import torch
-from lacoloco.datasets.rotations import from_yaw, multiply, rotate
-from lacoloco.robots.spec import RobotSpec
 
+from lacoloco.datasets.rotations import from_yaw, multiply, rotate
 from lacoloco.pipelines.sim import state as layouts
 from lacoloco.pipelines.sim.commands import TargetCommand, uniform
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS
 from lacoloco.pipelines.sim.feet import FootTimer
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
-from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters, make_physics
+from lacoloco.pipelines.sim.physics import (
+    CONTROL_DT,
+    Physics,
+    PhysicsRequest,
+    WorldParameters,
+    make_physics,
+)
 from lacoloco.pipelines.sim.rewards import REWARDS
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
 from lacoloco.pipelines.sim.tasks import Randomisation, Task
+from lacoloco.robots.spec import RobotSpec
 
 if TYPE_CHECKING:
     from lacoloco.datasets.library import MotionLibrary
@@ -234,9 +240,9 @@ class LeggedEnv:
 
     def _default_starts(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """(K, 7 + J), (K, 6 + J): standing with the feet on the ground, anywhere, any heading."""
-        start, pi = self.task.reset, torch.pi
+        start = self.task.reset
         qpos = torch.zeros(count, 7 + self.num_actions)
-        planar = uniform(((-start.position, start.position),) * 2 + ((-pi, pi),), count, self.draw)
+        planar = uniform(((-start.position, start.position),) * 2 + ((-start.heading, start.heading),), count, self.draw)
         qpos[:, :2], qpos[:, 2] = planar[:, :2], self.default_height
         qpos[:, 3:7] = from_yaw(planar[:, 2])
         scale = uniform((start.joint_scale,) * self.num_actions, count, self.draw)

@@ -6,6 +6,7 @@ Both engines leave body positions one substep behind the state; this chain of hi
 from __future__ import annotations
 
 import torch
+
 from lacoloco.datasets.rotations import multiply, rotate
 from lacoloco.robots.spec import RobotSpec
 

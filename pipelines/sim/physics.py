@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import torch
-from lacoloco.robots.spec import RobotSpec
 
 from lacoloco.pipelines.errors import StageError
+from lacoloco.robots.spec import RobotSpec
 
 CONTROL_DT = 0.02
 """Seconds between two actions (50 Hz, paper section IV)."""

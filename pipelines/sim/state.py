@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
+
 from lacoloco.datasets.rotations import rotate_inverse
 
 if TYPE_CHECKING:

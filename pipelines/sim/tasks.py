@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from lacoloco.robots.spec import RobotSpec
-
 from lacoloco.pipelines.sim.commands import Range, TargetCommand, VelocityCommand
 from lacoloco.pipelines.sim.constraints import Constraint
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.robots.spec import RobotSpec
 
 
 @dataclass(frozen=True)
@@ -21,6 +20,7 @@ class ResetConfig:
 
     clip_share: float = 0.0
     position: float = 0.0
+    heading: float = 3.14159
     lin_vel: float = 0.3
     ang_vel: float = 0.1
     joint_scale: Range = (0.9, 1.1)
@@ -135,10 +135,10 @@ def reach_in_place_task(spec: RobotSpec) -> Task:
         rewards=(
             ("approach", 1.0),
             ("reach", 2.0),
+            ("lift", 1.0),
             ("joint_speed", -2e-4),
             ("joint_torque", -2e-3),
-            ("action_change", -1e-2),
-            ("tilt", -0.2),
+            ("action_change", -5e-3),
         ),
         constraints=(
             Constraint("torque", 3.0, 0.25),
@@ -149,7 +149,7 @@ def reach_in_place_task(spec: RobotSpec) -> Task:
         )
         if len(spec.feet) == 4
         else (),
-        reset=ResetConfig(lin_vel=0.0, ang_vel=0.0),
+        reset=ResetConfig(heading=0.0, lin_vel=0.0, ang_vel=0.0),
         randomisation=_randomisation(spec, 0.1),
     )
 
@@ -174,14 +174,14 @@ def reach_task(spec: RobotSpec) -> Task:
         TargetCommand(radius=1.5, z=(0.16, 0.42)),
         TargetCommand(x=(0.3, 4.0), y=(-1.0, 1.0), z=(1.0, 1.4)),
     )
-    spread = _solo_or(spec, 0.5, 0.0)
+    spread, heading = _solo_or(spec, (0.5, 3.14159), (0.0, 0.0))
     joints = _solo_or(spec, (0.75, 1.25), (1.0, 1.0))
     return Task(
         name="reach",
         action_scale=spec.action_scale,
         command=target,
         rewards=(("reach", 1.0),),
-        reset=ResetConfig(position=spread, lin_vel=0.1, ang_vel=0.1, joint_scale=joints),
+        reset=ResetConfig(position=spread, heading=heading, lin_vel=0.1, ang_vel=0.1, joint_scale=joints),
         randomisation=_randomisation(spec, 0.25),
     )
 

@@ -1,0 +1,182 @@
+"""The chains of stages, quickstart and the paper's experiments: the only place where stages meet."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.stage import StageContext, StageResult
+
+METHODS = {"gan": ("gan", False), "drail": ("drail", False), "gan-cat": ("gan", True), "drail-cat": ("drail", True)}
+"""The paper's four methods: discriminator, and whether the foot forces are constrained."""
+STAGES = {"generate": "generate", "retarget": "retarget", "train-low": "train_low", "train-high": "train_high",
+          "eval": "evaluate", "export": "export", "play": "playback"}
+"""Verb -> module of ``lacoloco.pipelines``, in the order of the chain."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One chain.
+
+    Attributes:
+        robot: name of the robot.
+        makers: the stages that make motions, ``generate`` and ``retarget``.
+        learn_from: those of them whose motions the low level imitates.
+        about: one line for a person.
+    """
+
+    robot: str
+    makers: tuple[str, ...]
+    learn_from: tuple[str, ...]
+    about: str
+
+
+EXPERIMENTS = {
+    "quickstart": Experiment(
+        "solo12", ("retarget", "generate"), ("generate",), "the whole chain on Solo12 in minutes"
+    ),
+    "solo12-synthetic": Experiment("solo12", ("generate",), ("generate",), "walking and reaching experts"),
+    "solo12-dog": Experiment("solo12", ("retarget",), ("retarget",), "a dog's motions, retargeted"),
+    "h1-synthetic": Experiment("h1", ("generate",), ("generate",), "the same on the humanoid"),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One stage of a chain: how long it took [s], what came out in one line, and where it is."""
+
+    stage: str
+    seconds: float
+    figures: str
+    artifact: Path
+
+
+def run(
+    name: str,
+    context: StageContext,
+    *,
+    preset: str = "laptop",
+    method: str = "drail-cat",
+    seeds: int = 1,
+    mocap: Sequence[Path] = (),
+) -> list[Outcome]:
+    """Run an experiment from nothing to an evaluated, exported and rendered policy.
+
+    With ``context.resume``, stages that are complete in this run are kept and the unfinished one goes on.
+
+    Args:
+        name: a key of ``EXPERIMENTS``.
+        context: run, first seed, device.
+        preset: preset of every stage.
+        method: a key of ``METHODS``.
+        seeds: trainings, from ``context.seed`` upwards; the best one is exported and played.
+        mocap: files to retarget instead of the bundled sample.
+
+    Raises:
+        StageError: unknown experiment, preset or method.
+    """
+    experiment = _known(EXPERIMENTS, name, "experiment")
+    _known(METHODS, method, "method")
+    chain = _Chain(experiment, context, preset, method, list(mocap))
+    return list(chain.run(range(context.seed, context.seed + seeds)))
+
+
+class _Chain:
+    """Runs one experiment's stages in order, feeding each the newest artifacts of those before it."""
+
+    def __init__(
+        self, experiment: Experiment, context: StageContext, preset: str, method: str, mocap: list[Path]
+    ) -> None:
+        self.experiment, self.context, self.preset, self.method, self.mocap = experiment, context, preset, method, mocap
+
+    def run(self, seeds: range) -> Iterator[Outcome]:
+        for maker in self.experiment.makers:
+            yield self._stage(maker, self.context, **self._sources(maker))
+        motions = [self._newest(maker) for maker in self.experiment.learn_from]
+        policies = []
+        for seed in seeds:
+            context = replace(self.context, seed=seed)
+            low = self._stage("train-low", context, motions=motions)
+            yield low
+            high = self._stage("train-high", context, low=low.artifact)
+            policies.append(high.artifact)
+            yield high
+        evaluation = self._stage("eval", self.context, policies=policies)
+        yield evaluation
+        best = self._best(evaluation.artifact, policies)
+        yield self._stage("export", self.context, policy=best)
+        for source in (*(self._newest(maker) for maker in self.experiment.makers), best):
+            yield self._stage("play", self.context, source=source)
+
+    def _sources(self, maker: str) -> dict[str, Any]:
+        if maker == "generate":
+            return {"robot": self.experiment.robot}
+        return {"robot": self.experiment.robot, **({"sources": self.mocap} if self.mocap else {})}
+
+    def _stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:
+        module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
+        config = self._config(module, verb)
+        done = self._done(verb, context.seed) if context.resume and verb not in ("play", "eval", "export") else None
+        begin = time.monotonic()
+        if done is not None:
+            return Outcome(verb, 0.0, "kept", done)
+        unfinished = bool(context.store.partials(context.run, verb))
+        result: StageResult = module.run(config, replace(context, resume=context.resume and unfinished), **inputs)
+        return Outcome(verb, time.monotonic() - begin, headline(verb, result.metrics), result.artifact)
+
+    def _config(self, module: Any, verb: str) -> Any:
+        config = _known(module.PRESETS, self.preset, "preset")()
+        if verb == "train-low":
+            discriminator, constrained = METHODS[self.method]
+            config = replace(config, cat=constrained, ase=replace(config.ase, discriminator=discriminator))
+        return config
+
+    def _done(self, verb: str, seed: int) -> Path | None:
+        from lacoloco.datasets.artifact import read_header
+
+        for path in reversed(self.context.store.all(self.context.run, verb)):
+            header = read_header(path)
+            trained = verb in ("train-low", "train-high")
+            if not trained or (header.seed == seed and header.metadata.get("method") == self.method):
+                return path
+        return None
+
+    def _newest(self, verb: str) -> Path:
+        return self.context.store.newest(self.context.run, verb)
+
+    def _best(self, evaluation: Path, policies: list[Path]) -> Path:
+        from lacoloco.datasets.artifact import read_header
+
+        best = read_header(evaluation).metadata["best"]["policy"]
+        return next(path for path in policies if str(path) == best)
+
+
+def headline(verb: str, metrics: dict[str, Any]) -> str:
+    """The few figures of a stage that a person wants to see, in one line."""
+    return HEADLINES[verb](metrics)
+
+
+HEADLINES: dict[str, Callable[[dict[str, Any]], str]] = {
+    "generate": lambda m: f"{m['clips']} clips, {m['seconds']:.0f} s; walking error {m['walk_error_mean']:.3f} m/s, "
+    f"reaching error {100 * m['reach_error_mean']:.1f} cm",
+    "retarget": lambda m: f"{m['frames_per_second']:.0f} frames/s",
+    "train-low": lambda m: f"{m['samples'] / 1e6:.1f} M samples, {m['samples_per_second']:.0f}/s; speed "
+    f"{m['speed']:.2f} m/s (clips {m['clip_speed']:.2f}), latents that walk {100 * m['coverage_walk']:.0f} %, "
+    f"reach {100 * m['coverage_reach']:.0f} %",
+    "train-high": lambda m: f"error {100 * m['trained_error']:.1f} cm, untrained {100 * m['untrained_error']:.1f} cm",
+    "eval": lambda m: f"error {100 * m['best']['ee_error_mean_m']:.1f} +- {100 * m['best']['ee_error_std_m']:.1f} cm, "
+    f"violation {m['best']['contact_violation_pct']:.2f} %, falls {m['best']['falls_pct']:.2f} %",
+    "export": lambda m: f"low.onnx, high.onnx; largest difference {m['max_abs_difference']:.1g}",
+    "play": lambda m: str(m["html"]),
+}
+
+
+def _known(choices: dict[str, Any], name: str, what: str) -> Any:
+    if name not in choices:
+        raise StageError(f"{what} '{name}': not known; use one of {', '.join(choices)}")
+    return choices[name]
