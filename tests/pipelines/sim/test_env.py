@@ -1,0 +1,364 @@
+"""One environment: observations, time, falls, pushes, commands; every step as it was before a reset."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lacoloco.pipelines.sim import env as env_module
+from lacoloco.pipelines.sim.env import LeggedEnv, draw_parameters
+from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.state import layout, noise_scale, style_frame
+from lacoloco.pipelines.sim.tasks import (
+    NO_RANDOMISATION,
+    TASKS,
+    Randomisation,
+    imitate_task,
+    reach_in_place_task,
+    reach_task,
+    walk_task,
+)
+
+WORLDS = 4
+
+
+def task_of(name, spec):
+    return TASKS[name](spec, constrained=True) if name == "imitate" else TASKS[name](spec)
+
+
+@pytest.fixture
+def make_env(solo12):
+    """Factory of Solo12 environments; keywords change the task."""
+
+    def factory(task=None, worlds=WORLDS, seed=0, motions=None, **changes):
+        task = task or imitate_task(solo12, constrained=False)
+        return LeggedEnv(solo12, replace(task, **changes), worlds, seed=seed, motions=motions)
+
+    return factory
+
+
+def idle(env, steps=1):
+    for _ in range(steps):
+        step = env.step(torch.zeros(env.num_worlds, env.num_actions))
+    return step
+
+
+def throw_on_its_back(env, world):
+    qpos, qvel = env.physics.qpos[[world]].clone(), torch.zeros(1, 6 + env.num_actions)
+    qpos[:, 2], qpos[:, 3:7] = 0.05, torch.tensor([0.0, 1.0, 0.0, 0.0])
+    qvel[:, 2] = -2.0
+    env.physics.reset(torch.tensor([world]), qpos, qvel)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_both_robots_live_in_every_task(robot, name, make_motions):
+    task = task_of(name, robot)
+    env = LeggedEnv(robot, task, WORLDS, seed=1, motions=make_motions(robot))
+    joints = robot.num_joints
+    width = 10 + 3 * joints + (0 if name == "imitate" else 3)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(30):
+        step = env.step(torch.randn(WORLDS, joints, generator=generator))
+        assert env.observe().shape == (WORLDS, width)
+        assert torch.isfinite(env.observe()).all()
+        assert torch.isfinite(step.reward).all()
+        for constraint in task.constraints:
+            assert torch.isfinite(step.violations[constraint.name]).all()
+        env.reset(step.done)
+    assert env.diverged_total == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "widths"),
+    [("imitate", (46, 67)), ("reach", (49, 70)), ("reach_in_place", (49, 70)), ("walk", (49, 70))],
+)
+def test_widths_of_the_observations(solo12, h1, name, widths):
+    for spec, expected in zip((solo12, h1), widths, strict=True):
+        env = LeggedEnv(spec, task_of(name, spec), 2, seed=0)
+        assert env.observe().shape == (2, expected)
+        assert layout(env.terms)[-1]["slice"][1] == expected
+        assert env.frame().shape == (2, 10 + 2 * spec.num_joints)
+
+
+def test_slices_hold_what_their_names_say(make_env, solo12):
+    env = make_env(reach_task(solo12), noise=0.0)
+    action = torch.randn(WORLDS, 12, generator=torch.Generator().manual_seed(3))
+    env.step(action)
+    seen, state = env.observe(), env.state
+    part = {row["name"]: seen[:, slice(*row["slice"])] for row in layout(env.terms)}
+    assert torch.equal(part["base_height"][:, 0], state.root_pos[:, 2])
+    assert torch.equal(part["projected_gravity"], state.gravity_b)
+    assert torch.equal(part["base_lin_vel"], state.lin_vel_b)
+    assert torch.equal(part["base_ang_vel"], env.physics.qvel[:, 3:6])
+    assert torch.equal(part["joint_pos"], env.physics.qpos[:, 7:])
+    assert torch.equal(part["joint_vel"], env.physics.qvel[:, 6:])
+    assert torch.equal(part["last_action"], action)
+    distance = (env.command - state.root_pos).norm(dim=-1)
+    assert torch.allclose(part["target"].norm(dim=-1), distance, atol=1e-5)
+    assert torch.equal(seen[:, :34], style_frame(state))
+
+
+def test_noise_stays_within_its_range_and_fills_it(make_env):
+    env, noise = make_env(worlds=64), []
+    idle(env)
+    clean = torch.cat([env.frame(), env.action], dim=-1)
+    for _ in range(20):
+        noise.append(env.observe() - clean)
+    noise = torch.cat(noise)
+    scale = noise_scale(env.terms)
+    assert (noise.abs() <= scale * 1.001 + 1e-6).all()
+    assert torch.allclose(noise.amax(0), scale, rtol=0.02, atol=1e-6)
+    assert torch.allclose(noise.amin(0), -scale, rtol=0.02, atol=1e-6)
+    assert torch.equal(env.frame(), clean[:, :34]), "the frame itself stays clean"
+
+
+def test_actions_are_offsets_from_the_default_pose(make_env, solo12, monkeypatch):
+    env, targets = make_env(walk_task(solo12)), []
+    step = env.physics.step
+    monkeypatch.setattr(env.physics, "step", lambda value: (targets.append(value), step(value)))
+    action = torch.linspace(-1, 1, 12).repeat(WORLDS, 1)
+    env.step(action)
+    expected = torch.tensor(solo12.default_joint_pos) + solo12.walk_action_scale * action
+    assert torch.allclose(targets[0], expected)
+
+
+def test_feet_of_a_new_episode_touch_the_ground_without_entering_it(robot):
+    """Bug B7 of the original: its robot starts 1.5 cm inside the floor and is thrown out of it."""
+    task = imitate_task(robot, constrained=False)
+    start = replace(task.reset, clip_share=0.0, joint_scale=(1.0, 1.0), lin_vel=0.0, ang_vel=0.0)
+    env = LeggedEnv(robot, replace(task, reset=start, randomisation=NO_RANDOMISATION), 2, seed=0)
+    held = torch.zeros(2, robot.num_joints)
+    env.step(held)
+    force = env.physics.foot_force[:, 0]
+    # Thrown out, feet would be pressed with a multiple of the weight in the first substep.
+    assert float(force.sum(-1).max()) < 0.5 * robot.weight()
+    env.step(held)
+    assert float(env.physics.foot_force[:, -1].sum(-1).min()) > 0.1 * robot.weight()
+
+
+def test_a_time_out_comes_after_exactly_its_seconds(make_env):
+    env = make_env(episode_s=5 * CONTROL_DT)
+    for count in range(1, 6):
+        step = idle(env)
+        assert step.timed_out.tolist() == [count == 5] * WORLDS
+        assert not step.fell.any()
+    env.reset(torch.tensor([True, False, False, False]))
+    assert env.steps.tolist() == [0, 5, 5, 5]
+    assert idle(env).timed_out.tolist() == [False, True, True, True]
+
+
+def test_a_fall_is_not_a_time_out_even_in_the_last_step(make_env):
+    env = make_env(episode_s=2 * CONTROL_DT)
+    idle(env)
+    throw_on_its_back(env, 1)
+    step = idle(env)
+    assert step.fell.tolist() == [False, True, False, False]
+    assert step.timed_out.tolist() == [True, False, True, True]
+    assert step.done.all()
+
+
+def test_a_step_describes_the_state_before_the_reset(make_env):
+    """Bug B2: the original's transition of a fall ends in the state after the reset."""
+    env = make_env()
+    throw_on_its_back(env, 2)
+    step = idle(env)
+    fallen = env.frame()
+    assert step.fell[2]
+    assert fallen[2, 3] > 0.9, "gravity towards the back of the robot"
+    env.reset(step.done)
+    assert env.frame()[2, 3] < -0.9
+    assert fallen[2, 3] > 0.9, "the old frame stays what it was"
+
+
+def test_only_undesired_contacts_that_the_task_names_end_an_episode(make_env, solo12, monkeypatch):
+    for strict in (False, True):
+        env = make_env(fall_on_undesired=strict)
+        step = env.physics.step
+
+        def touching_with_a_thigh(targets, env=env, step=step):
+            step(targets)
+            env.physics.body_force[1, env.physics.monitored.index("FR_UPPER_LEG")] = 1.5
+            env.physics.body_force[3, 0] = 0.9  # the base, but too lightly to count
+
+        monkeypatch.setattr(env.physics, "step", touching_with_a_thigh)
+        assert idle(env).fell.tolist() == [False, strict, False, False]
+
+
+def test_reset_touches_only_the_worlds_of_its_mask(make_env, solo12):
+    env = make_env(reach_task(solo12))
+    env.step(torch.ones(WORLDS, 12))
+    before = {name: getattr(env, name).clone() for name in ("steps", "action", "command")}
+    qpos = env.physics.qpos
+    env.reset(torch.tensor([False, True, False, True]))
+    kept = [0, 2]
+    for name, value in before.items():
+        assert torch.equal(getattr(env, name)[kept], value[kept]), name
+        assert not torch.equal(getattr(env, name)[[1, 3]], value[[1, 3]]), name
+    assert torch.equal(env.physics.qpos[kept], qpos[kept])
+    assert not torch.allclose(env.physics.qpos[[1, 3]], qpos[[1, 3]], atol=1e-3)
+    assert env.action[[1, 3]].abs().max() == 0.0
+
+
+def test_clip_starts_move_as_the_clip_does_whatever_their_heading(make_env, motions):
+    """Bug B5: the original writes base-frame velocities as world-frame ones, or none at all."""
+    task = imitate_task(make_env().spec, constrained=False)
+    env = make_env(
+        worlds=64,
+        motions=motions,
+        reset=replace(task.reset, clip_share=1.0),
+        randomisation=NO_RANDOMISATION,
+    )
+    state = env.state
+    expected = torch.tensor([0.4, 0.0, 0.0]).repeat(64, 1)
+    assert torch.allclose(state.lin_vel_b, expected, atol=5e-3)
+    assert torch.allclose(state.ang_vel_b[:, 2], torch.tensor(0.5), atol=5e-3)
+    # In the world they move all ways: every quarter of the compass has some.
+    world = env.physics.qvel[:, :2]
+    angle = torch.atan2(world[:, 1], world[:, 0])
+    assert (torch.histc(angle, 4, -torch.pi, torch.pi) >= 4).all()
+    assert torch.allclose(state.root_pos[:, 2], torch.tensor(env.default_height), atol=1e-4)
+    swing = (state.joint_pos - env.default_joint_pos).abs()
+    assert 0.05 < float(swing.max()) <= 0.1001
+    # Joint velocities come along: 8 rad/s x 0.1 rad.
+    assert 0.5 < float(state.joint_vel.abs().max()) < 0.85
+
+
+def test_the_share_of_clip_starts_is_as_asked(make_env, motions, solo12):
+    task = imitate_task(solo12, constrained=False)
+    env = make_env(worlds=400, motions=motions, reset=replace(task.reset, clip_share=0.25))
+    from_clip = (env.state.lin_vel_b[:, 0] - 0.4).abs() < 5e-3
+    assert 0.18 < float(from_clip.float().mean()) < 0.33
+
+
+def test_without_default_starts_nothing_breaks(make_env, motions, solo12):
+    """Bug B13: the original cannot reset when no world starts from the default pose."""
+    reset = replace(imitate_task(solo12, constrained=False).reset, clip_share=1.0)
+    env = make_env(motions=motions, reset=reset)
+    env.reset(torch.tensor([False, True, False, False]))
+    assert torch.isfinite(env.observe()).all()
+
+
+def test_pushes_add_to_the_velocity_after_the_step_was_judged(make_env, solo12):
+    pushes = Randomisation(push=0.3, push_interval_s=(0.1, 0.1))
+    calm = replace(pushes, push=0.0)
+    task = replace(reach_task(solo12), constraints=walk_task(solo12).constraints)
+    pushed, still = (make_env(task, worlds=16, randomisation=r) for r in (pushes, calm))
+    for _ in range(4):
+        idle(pushed)
+        idle(still)
+        assert torch.equal(pushed.physics.qvel, still.physics.qvel)
+    first, second = idle(pushed), idle(still)
+    kick = pushed.physics.qvel - still.physics.qvel
+    assert torch.equal(first.reward, second.reward)
+    assert torch.equal(first.violations["joint_velocity"], second.violations["joint_velocity"])
+    assert (kick[:, [0, 1, 3, 4, 5]].abs() > 1e-4).all(dim=-1).float().mean() > 0.8
+    assert (kick[:, :6].abs() <= 0.3 + 1e-6).all()
+    assert kick[:, 2].abs().max() == 0.0
+    assert kick[:, 6:].abs().max() == 0.0
+    assert torch.equal(pushed.physics.qpos, still.physics.qpos)
+    assert torch.allclose(pushed.state.ang_vel_b, pushed.physics.qvel[:, 3:6])
+
+
+def test_the_target_of_the_reach_task_stays_for_the_whole_episode(make_env, solo12):
+    env = make_env(reach_task(solo12), episode_s=0.4)
+    target = env.command.clone()
+    for _ in range(20):
+        idle(env)
+        assert torch.equal(env.command, target)
+
+
+def test_commands_change_when_they_are_due(make_env, solo12):
+    env = make_env(reach_in_place_task(solo12), resample_s=(0.1, 0.1))
+    seen = [env.command.clone()]
+    for _ in range(11):
+        idle(env)
+        seen.append(env.command.clone())
+    changed = [not torch.equal(a, b) for a, b in zip(seen[:-1], seen[1:], strict=True)]
+    assert changed == [False] * 4 + [True] + [False] * 4 + [True, False]
+
+
+def test_rewards_are_weighted_and_paid_per_second(make_env, monkeypatch):
+    """Bug B16: clipped at zero, a penalty is only ever worth what else was earned."""
+    constant = {"two": lambda env: torch.full((WORLDS,), 2.0), "one": lambda env: torch.ones(WORLDS)}
+    monkeypatch.setattr(env_module, "REWARDS", constant)
+    rewards = (("two", 1.5), ("one", -5.0))
+    assert torch.allclose(idle(make_env(rewards=rewards)).reward, torch.tensor(-2.0 * CONTROL_DT))
+    clipped = make_env(rewards=rewards, clip_reward=True)
+    assert idle(clipped).reward.tolist() == [0.0] * WORLDS
+
+
+def test_a_diverged_world_is_a_fall_that_means_nothing(make_env, solo12, in_a_temporary_folder):
+    """Neither its rewards nor its margins: constraints keep running maxima over all worlds."""
+    task = replace(walk_task(solo12), randomisation=NO_RANDOMISATION)
+    env, healthy = make_env(task), make_env(task)
+    qvel = env.physics.qvel[[1]].clone()
+    qvel[0, 8] = 1e9
+    env.physics.reset(torch.tensor([1]), env.physics.qpos[[1]], qvel)
+    step, other = idle(env), idle(healthy)
+    assert step.valid.tolist() == [True, False, True, True]
+    assert step.fell[1]
+    assert env.diverged_total == 1
+    assert step.reward[1] == 0.0
+    for name, margin in step.violations.items():
+        assert (margin[1] <= 0.0).all(), name
+        assert torch.equal(margin[[0, 2, 3]], other.violations[name][[0, 2, 3]]), name
+    env.reset(step.done)
+    assert idle(env).valid.all()
+    assert torch.isfinite(env.observe()).all()
+
+
+def test_staggered_episodes_end_at_different_times(make_env):
+    env = make_env(worlds=256)
+    env.stagger()
+    assert int(env.steps.min()) < 25
+    assert 475 < int(env.steps.max()) < env.task.episode_steps
+    assert 220 < float(env.steps.float().mean()) < 280
+
+
+def test_state_dict_goes_on_bit_for_bit(make_env, solo12, motions):
+    task = replace(reach_in_place_task(solo12), resample_s=(0.04, 0.1), episode_s=0.2)
+    task = replace(task, randomisation=Randomisation(push_interval_s=(0.04, 0.1)))
+    task = replace(task, reset=replace(task.reset, clip_share=0.5))
+
+    def live(env, steps, seed):
+        generator, seen = torch.Generator().manual_seed(seed), []
+        for _ in range(steps):
+            step = env.step(torch.randn(WORLDS, 12, generator=generator))
+            env.reset(step.done)
+            seen += [env.observe(), step.reward, *step.violations.values()]
+        return seen
+
+    first = make_env(task, motions=motions)
+    live(first, 7, seed=0)
+    state = {k: v.clone() if torch.is_tensor(v) else v for k, v in first.state_dict().items()}
+    state["feet"] = {key: value.clone() for key, value in state["feet"].items()}
+    expected = live(first, 15, seed=1)
+    second = make_env(task, motions=motions)
+    live(second, 3, seed=2)
+    second.load_state_dict(state)
+    for ours, theirs in zip(live(second, 15, seed=1), expected, strict=True):
+        assert torch.equal(ours, theirs)
+
+
+def test_seeds_decide_everything_that_is_random(make_env):
+    first, same, other = (make_env(seed=seed) for seed in (5, 5, 6))
+    assert torch.equal(first.observe(), same.observe())
+    assert not torch.equal(first.physics.qpos, other.physics.qpos)
+
+
+def test_parameters_are_drawn_from_their_ranges(make_env):
+    config = Randomisation((0.4, 1.5), (0.8, 1.2), (0.9, 1.1), base_com=0.02)
+    drawn = draw_parameters(config, 2000, torch.Generator().manual_seed(0))
+    for values, (low, high) in (
+        (drawn.friction, config.friction),
+        (drawn.mass_scale, config.mass_scale),
+        (drawn.inertia_scale, config.inertia_scale),
+        (drawn.base_com_offset, (-0.02, 0.02)),
+    ):
+        assert low <= float(values.min()) < low + 0.05 * (high - low)
+        assert high - 0.05 * (high - low) < float(values.max()) <= high + 1e-6
+    # Independent of each other.
+    assert abs(float(torch.corrcoef(torch.stack([drawn.friction, drawn.mass_scale]))[0, 1])) < 0.1
+    plain = draw_parameters(NO_RANDOMISATION, 3, torch.Generator())
+    assert plain.friction.tolist() == plain.mass_scale.tolist() == [1.0] * 3
+    assert not plain.base_com_offset.any()
