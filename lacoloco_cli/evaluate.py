@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import typer
 
 from lacoloco_cli import console
-from lacoloco_cli.missing_seeds import missing, train_missing, trained
 from lacoloco_cli.options import Seeds
+from lacoloco_cli.policies import missing, train_missing, trained
 from lacoloco_cli.session import Session, path_text, verb
 
 app = typer.Typer()

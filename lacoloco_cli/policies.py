@@ -1,4 +1,4 @@
-"""Which trained policies `eval` finds in a run, and how `--train-missing` makes the others."""
+"""Which trained policies a verb takes from a run, and how `--train-missing` makes others."""
 
 from __future__ import annotations
 
@@ -40,6 +40,24 @@ def missing(found: Sequence[Trained], seeds: Sequence[int]) -> list[tuple[str, i
     there = {(policy.method, policy.seed) for policy in found}
     methods = dict.fromkeys(policy.method for policy in found)
     return [(m, seed) for m in methods for seed in seeds if (m, seed) not in there]
+
+
+def best(session: Session) -> Path:
+    """The policy that the run's newest evaluation chose; the newest when trained since.
+
+    Raises:
+        ArtifactError: The run has no high-level policy.
+    """
+    from lacoloco.datasets.artifact import read_header
+
+    newest = session.store.newest(session.run_name, "train-high")
+    for path in session.store.all(session.run_name, "eval")[-1:]:
+        evaluation = read_header(path)
+        chosen = evaluation.metadata["rows"].index(evaluation.metadata["best"])
+        policy = evaluation.parents[chosen].locate(path)
+        if policy.is_file() and evaluation.created >= read_header(newest).created:
+            return policy
+    return newest
 
 
 def train_missing(session: Session, method: str, seed: int) -> Path:

@@ -1,0 +1,44 @@
+"""`lacoloco export`: both levels as ONNX, checked against torch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lacoloco_cli.policies import best
+from lacoloco_cli.session import Session, path_text, verb
+
+app = typer.Typer()
+
+
+@verb(app)
+def export(
+    session: Session,
+    policy: Annotated[
+        Path | None,
+        typer.Option("--policy", help="High-level policy; default: the run's best, or newest."),
+    ] = None,
+) -> None:
+    """Write both levels as ONNX files that carry all a robot needs, checked against torch."""
+    import logging
+
+    from lacoloco.pipelines import export as stage
+
+    # torch's exporter warns that torchvision, which nothing here uses, is not installed
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    config = session.config(stage.PRESETS)
+    policy = policy or best(session)
+    result = stage.run(config, session.context(), policy=policy)
+    onnx = {role: path_text(Path(path)) for role, path in result.metrics["onnx"].items()}
+    answer = {"artifact": path_text(result.artifact), **result.metrics, "onnx": onnx}
+    answer["policy"] = path_text(policy)
+
+    def show() -> None:
+        for role, path in onnx.items():
+            typer.echo(f"{role}: {path}")
+        difference = answer["max_abs_difference"]
+        typer.echo(f"onnxruntime and torch differ by at most {difference:.2g}")
+
+    session.answer(answer, show)

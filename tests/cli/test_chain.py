@@ -1,0 +1,177 @@
+"""Every verb of the chain, one after the other on the smallest preset, the way a person types them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from lacoloco.datasets.artifact import read_artifact, read_header
+from lacoloco.datasets.store import RunStore
+from lacoloco_cli.main import app
+
+SMOKE = ("--preset", "smoke", "--quiet")
+
+
+class Chain:
+    """A runs folder, and `lacoloco` working in it."""
+
+    def __init__(self, root):
+        self.store = RunStore(root)
+
+    def invoke(self, *arguments):
+        return CliRunner().invoke(app, list(arguments), env={"LACOLOCO_RUNS": str(self.store.root)})
+
+    def answer(self, *arguments):
+        result = self.invoke(*arguments, "--json")
+        assert result.exit_code == 0, result.stderr
+        return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory):
+    """A run `tiny` with motions, a low and a high level, both of seed 0."""
+    chain = Chain(tmp_path_factory.mktemp("chain") / "runs")
+    for arguments in (["generate", "--run", "tiny"], ["train-low"], ["train-high"]):
+        result = chain.invoke(*arguments, *SMOKE)
+        assert result.exit_code == 0, result.stderr
+    return chain
+
+
+@pytest.mark.slow
+def test_generate_says_that_it_trains_experts(tmp_path):
+    chain = Chain(tmp_path / "runs")
+    result = chain.invoke("generate", "--preset", "smoke", "--run", "tiny")
+    assert result.exit_code == 0, result.stderr
+    assert "training" in result.stderr
+    again = chain.invoke("generate", "--preset", "smoke")
+    assert again.exit_code == 0
+    assert "training" not in again.stderr
+
+
+@pytest.mark.slow
+def test_motions_are_clips_of_both_skills(chain):
+    motions = read_artifact(chain.store.newest("tiny", "generate"), "lacoloco/motions")
+    assert motions.robot == "solo12"
+    assert motions.seed == 0
+    assert motions.command == "lacoloco generate --run tiny --preset smoke --quiet"
+
+
+@pytest.mark.slow
+def test_train_low_answers_with_speed_and_figures(chain):
+    answer = chain.answer("train-low", "--disc", "gan", "--no-cat", *SMOKE)
+    assert {"artifact", "samples", "samples_per_second", "seed"} <= set(answer)
+    assert answer["method"] == "gan"
+    header = read_header(chain.store.newest("tiny", "train-low"))
+    assert header.config["ase"]["discriminator"] == "gan"
+    assert header.config["cat"] is False
+
+
+@pytest.mark.slow
+def test_discriminator_that_does_not_exist_is_refused(chain):
+    result = chain.invoke("train-low", "--disc", "wgan", *SMOKE)
+    assert result.exit_code == 2
+    assert "gan or drail" in result.stderr
+
+
+@pytest.mark.slow
+def test_high_level_stands_on_the_low_level_of_its_seed(chain):
+    chain.answer("train-low", "--seed", "3", "--run", "seeds", "--motions",
+                 str(chain.store.newest("tiny", "generate")), *SMOKE)  # fmt: skip
+    chain.answer("train-low", "--seed", "4", "--motions",
+                 str(chain.store.newest("tiny", "generate")), *SMOKE)  # fmt: skip
+    chain.answer("train-high", "--seed", "3", *SMOKE)
+    chain.answer("train-high", "--seed", "7", *SMOKE)
+    parents = [
+        read_header(path).parents[0].locate(path).parent.name
+        for path in chain.store.all("seeds", "train-high")
+    ]
+    assert parents == ["0001", "0002"]  # seed 3 by its seed; seed 7 has none and takes the newest
+    chain.store.use("tiny")
+
+
+@pytest.mark.slow
+def test_eval_of_one_policy(chain):
+    answer = chain.answer("eval", *SMOKE)
+    (row,) = answer["rows"]
+    expected = {"method", "seed", "episodes", "ee_error_mean_m", "ee_error_std_m"}
+    assert expected | {"contact_violation_pct", "falls_pct"} <= set(row)
+    assert answer["best"] == row
+    assert (answer["seeds_found"], answer["seeds_asked"]) == (1, 1)
+
+
+@pytest.mark.slow
+def test_eval_says_loudly_when_seeds_are_missing_and_trains_them_if_asked(chain):
+    asked = ("eval", "--seeds", "2", *SMOKE)
+    result = chain.invoke(*asked)
+    assert result.exit_code == 0, result.stderr
+    assert "WARNING: 1 of 2 seeds" in result.stderr
+    assert "--seeds 2 --train-missing" in result.stderr
+    answer = chain.answer(*asked, "--train-missing")
+    assert (answer["seeds_found"], answer["seeds_asked"]) == (2, 2)
+    assert [row["seed"] for row in answer["rows"]] == [0, 1]
+    old, new = (read_header(path) for path in chain.store.all("tiny", "train-high")[-2:])
+    assert new.seed == 1
+    assert new.config == old.config
+    again = chain.answer(*asked)
+    assert (again["seeds_found"], "train_missing" in again) == (2, False)
+
+
+@pytest.mark.slow
+def test_eval_episodes(chain):
+    answer = chain.answer("eval", "--episodes", "5", *SMOKE)
+    assert answer["rows"][0]["episodes"] == 5
+
+
+@pytest.mark.slow
+def test_export_takes_the_best_of_the_newest_evaluation(chain):
+    evaluation = chain.answer("eval", "--seeds", "2", "--train-missing", *SMOKE)
+    answer = chain.answer("export", *SMOKE)
+    assert answer["max_abs_difference"] <= 1e-5
+    assert set(answer["onnx"]) == {"low", "high"}
+    parent = read_header(chain.store.newest("tiny", "export")).parents[0]
+    policy = parent.locate(chain.store.newest("tiny", "export"))
+    assert read_header(policy).seed == evaluation["best"]["seed"]
+
+
+@pytest.mark.parametrize("verb", ["train-low", "train-high", "eval", "export"])
+def test_missing_input_names_the_verb_that_makes_it(tmp_path, verb):
+    result = Chain(tmp_path / "runs").invoke(verb, "--run", "new", *SMOKE)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert "lacoloco" in result.stderr and "--run" in result.stderr
+
+
+@pytest.mark.parametrize("verb", ["generate", "train-low", "train-high", "eval", "export"])
+def test_misspelt_key_and_preset_are_refused_before_anything_is_done(tmp_path, verb):
+    chain = Chain(tmp_path / "runs")
+    for wrong in (["--set", "sede=1"], ["--preset", "smok"]):
+        result = chain.invoke(verb, *wrong)
+        assert result.exit_code == 2, result.output
+        assert result.stderr.count("\n") == 1
+    assert not chain.store.root.exists()
+
+
+@pytest.mark.slow
+def test_interrupted_training_goes_on_where_it_stopped(chain, monkeypatch):
+    from lacoloco.pipelines.train_low import LowTrainer
+
+    real, calls = LowTrainer.iterate, []
+
+    def interrupt_the_second(trainer, progress):
+        calls.append(progress)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return real(trainer, progress)
+
+    monkeypatch.setattr(LowTrainer, "iterate", interrupt_the_second)
+    typed = ("train-low", "--run", "tiny", "--seed", "5", "--set", "cat=false", *SMOKE)
+    before = chain.store.all("tiny", "train-low")
+    result = chain.invoke(*typed)
+    assert result.exit_code == 130
+    assert "lacoloco train-low --run tiny --resume" in result.stderr
+    assert chain.store.all("tiny", "train-low") == before
+    answer = chain.answer("train-low", "--resume")
+    assert (answer["seed"], answer["method"]) == (5, "drail")
+    assert len(chain.store.all("tiny", "train-low")) == len(before) + 1
