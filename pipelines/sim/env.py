@@ -77,6 +77,7 @@ class LeggedEnv:
     ) -> None:
         """Build the worlds, draw their parameters and start every episode."""
         self.spec, self.task, self.num_worlds, self.motions = spec, task, num_worlds, motions
+        self._has_target = isinstance(task.command, TargetCommand)
         self.draw = torch.Generator().manual_seed(seed)
         request = PhysicsRequest(spec, num_worlds, task.training_limits)
         self.physics = physics or make_physics(request, device)
@@ -104,13 +105,15 @@ class LeggedEnv:
         """Layout of :meth:`observe`."""
         command = None
         if self.task.command is not None:
-            is_target = isinstance(self.task.command, TargetCommand)
-            command = Term("target", 3, "m", "base") if is_target else Term("velocity_command", 3, "m/s, rad/s", "base")
+            target, velocity = Term("target", 3, "m", "base"), Term("velocity_command", 3, "m/s, rad/s", "base")
+            command = target if self._has_target else velocity
         return layouts.policy_terms(self.num_actions, self.task.joint_pos_noise, command)
 
     def step(self, action: torch.Tensor) -> Step:
         """Apply raw actions (N, J) for one control step: joint targets = default pose + action scale x action."""
         self.previous, self.previous_action, self.action = self.state, self.action, action
+        if self._has_target:
+            self.previous_target_error = self.target_error()
         self.physics.step(self.default_joint_pos + self.task.action_scale * action)
         self._read()
         self.steps += 1

@@ -135,7 +135,7 @@ def reach_in_place_task(spec: RobotSpec) -> Task:
         rewards=(
             ("approach", 1.0),
             ("reach", 2.0),
-            ("lift", 1.0),
+            ("lift", 2.0),
             ("joint_speed", -2e-4),
             ("joint_torque", -2e-3),
             ("action_change", -5e-3),
@@ -180,7 +180,7 @@ def reach_task(spec: RobotSpec) -> Task:
         name="reach",
         action_scale=spec.action_scale,
         command=target,
-        rewards=(("reach", 1.0),),
+        rewards=(("reach", 1.0), ("progress", 0.5)),
         reset=ResetConfig(position=spread, heading=heading, lin_vel=0.1, ang_vel=0.1, joint_scale=joints),
         randomisation=_randomisation(spec, 0.25),
     )
