@@ -151,6 +151,7 @@ def verb(
     *,
     shared: Sequence[Parameter] = options.STAGE,
     preset: str | None = None,
+    names_run: str | None = None,
 ) -> Callable[[options.Body], options.Body]:
     """Register a function `(session, own options...)` as a command with the shared options.
 
@@ -159,6 +160,7 @@ def verb(
         name: Name of a sub-command; a file with one command needs none.
         shared: `options.STAGE`, `options.IN_A_RUN` or `options.READING`.
         preset: Another default for `--preset`.
+        names_run: The own option that names the run unless `--run` does.
     """
 
     def register(body: options.Body) -> options.Body:
@@ -171,6 +173,7 @@ def verb(
             given["overrides"] = given.get("overrides") or ()
             arguments = (ctx.obj or {}).get("arguments") or [ctx.info_name]
             session = Session(verb=ctx.info_name or "", arguments=arguments, **given)
+            session.run = session.run or values.get(names_run or "")
             with guarded(session):
                 if session.resume:
                     values |= session.recall(ctx)

@@ -168,6 +168,27 @@ def test_resume_needs_no_other_argument():
         assert word in resumed[0].command
 
 
+def test_an_own_option_may_name_the_run():
+    runs = []
+
+    def body(
+        session: Session, name: Annotated[str | None, typer.Argument()] = None, seeds: int = 1
+    ) -> None:
+        runs.append((session.context().run, name, seeds))
+
+    def call(*arguments):
+        app = command_of(body, names_run="name")
+        CliRunner().invoke(app, arguments, obj={"arguments": ["run", *arguments]}, prog_name="run")
+
+    call("dog", "--seeds", "3")
+    call("cat", "--seeds", "2")
+    call("dog", "--resume")
+    call("--resume")
+    call("dog", "--run", "mine")
+    assert runs == [("dog", "dog", 3), ("cat", "cat", 2), ("dog", "dog", 3), ("dog", "dog", 3),
+                    ("mine", "dog", 1)]  # fmt: skip
+
+
 def test_what_is_typed_with_resume_wins():
     seeds = []
     invoke_as("train-low", lambda session: seeds.append(session.context().seed), "--seed", "4")

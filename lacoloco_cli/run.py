@@ -1,0 +1,91 @@
+"""`lacoloco run`: a whole experiment, from motions to a policy to watch."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lacoloco_cli import console
+from lacoloco_cli.failures import UserError
+from lacoloco_cli.options import STAGE, Seeds
+from lacoloco_cli.session import Session, path_text, verb
+
+app = typer.Typer()
+
+# an experiment has one preset for all its stages, and no config of its own to change
+SHARED = tuple(parameter for parameter in STAGE if parameter.name != "overrides")
+
+
+@verb(app, shared=SHARED, names_run="name")
+def run(
+    session: Session,
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="quickstart, solo12-synthetic, ...")
+    ] = None,
+    disc: Annotated[
+        str, typer.Option("--disc", metavar="gan|drail", help="Discriminator of the low level.")
+    ] = "drail",
+    cat: Annotated[
+        bool, typer.Option("--cat/--no-cat", help="Constraints as terminations.")
+    ] = True,
+    mocap: Annotated[
+        list[Path] | None,
+        typer.Option("--mocap", help="A .bvh to retarget instead of the sample; may be repeated."),
+    ] = None,
+    seeds: Seeds = 1,
+) -> None:
+    """Run an experiment from nothing: motions, both levels, evaluation, ONNX, pages to watch."""
+    from lacoloco.pipelines import experiments
+
+    check_name(name, experiments.EXPERIMENTS)
+    method = f"{disc}-cat" if cat else disc
+    if method not in experiments.METHODS:
+        raise UserError(f"--disc {disc}: use gan or drail")
+    outcomes = experiments.run(
+        name,
+        session.context(),
+        preset=session.preset,
+        method=method,
+        seeds=seeds,
+        mocap=mocap or [],
+    )
+    stages = [
+        {
+            "stage": outcome.stage,
+            "seconds": outcome.seconds,
+            "figures": outcome.figures,
+            "artifact": path_text(outcome.artifact),
+        }
+        for outcome in outcomes
+    ]
+    seconds = sum(outcome.seconds for outcome in outcomes)
+
+    def show() -> None:
+        rows = [
+            (row["stage"], console.duration_text(row["seconds"]), row["figures"], row["artifact"])
+            for row in stages
+        ]
+        rows.append(("total", console.duration_text(seconds), "", ""))
+        console.print_table(["stage", "time", "what came out", "where it is"], rows)
+
+    answer = {"experiment": name, "run": session.run_name, "seconds": seconds, "stages": stages}
+    session.answer({"artifact": stages[-1]["artifact"], **answer}, show)
+
+
+def check_name(name: str | None, known: Iterable[str]) -> None:
+    """Refuse an experiment that does not exist.
+
+    Raises:
+        UserError: The message lists the known ones and the nearest.
+    """
+    known = list(known)
+    if name is None:
+        raise UserError(f"which experiment? use one of {', '.join(known)}")
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise UserError(f"experiment {name!r} is not known; {hint}use one of {', '.join(known)}")

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from lacoloco.pipelines import experiments
+from lacoloco.pipelines.experiments import EXPERIMENTS, Outcome
+from lacoloco_cli.main import app
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["run", *arguments])
+
+
+@pytest.fixture
+def asked(monkeypatch, tmp_path):
+    """What the chain was asked to do; it does nothing."""
+    calls = []
+
+    def run(name, context, **settings):
+        calls.append((name, context, settings))
+        return [
+            Outcome("generate", 61.0, "140 clips", tmp_path / "motions.h5"),
+            Outcome("eval", 30.5, "error 3 cm", tmp_path / "eval.h5"),
+        ]
+
+    monkeypatch.setattr(experiments, "run", run)
+    return calls
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_experiment_names_its_run(asked, name):
+    assert invoke(name).exit_code == 0
+    ((called, context, settings),) = asked
+    assert (called, context.run, settings["method"]) == (name, name, "drail-cat")
+
+
+@pytest.mark.parametrize(
+    ("options", "method"),
+    [([], "drail-cat"), (["--disc", "gan"], "gan-cat"), (["--no-cat"], "drail"),
+     (["--disc", "gan", "--no-cat"], "gan")],
+)  # fmt: skip
+def test_methods_of_the_paper(asked, options, method):
+    invoke("solo12-synthetic", *options)
+    assert asked[0][2]["method"] == method
+
+
+def test_table_ends_with_the_total(asked):
+    lines = invoke("quickstart").stdout.splitlines()
+    assert lines[0].split() == ["stage", "time", "what", "came", "out", "where", "it", "is"]
+    assert "1m01s" in lines[1] and "140 clips" in lines[1] and "motions.h5" in lines[1]
+    assert lines[-1].split() == ["total", "1m32s"]
+
+
+def test_json_has_every_stage(asked):
+    answer = json.loads(invoke("quickstart", "--seeds", "2", "--run", "mine", "--json").stdout)
+    assert [row["stage"] for row in answer["stages"]] == ["generate", "eval"]
+    assert answer["artifact"].endswith("eval.h5")
+    assert (answer["run"], answer["experiment"], answer["seconds"]) == ("mine", "quickstart", 91.5)
+    assert asked[0][2]["seeds"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "quickstart, solo12-synthetic"),
+        (["solo12-dgo"], "did you mean 'solo12-dog'?"),
+        (["quickstart", "--disc", "wgan"], "gan or drail"),
+    ],
+)
+def test_what_does_not_exist_is_refused(asked, arguments, said):
+    result = invoke(*arguments)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert said in result.stderr
+    assert asked == []
