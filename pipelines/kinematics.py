@@ -78,31 +78,54 @@ def body_poses(model: pin.Model, base: SymbolicPose, joint_pos: ca.SX) -> list[S
     return poses
 
 
-def body_position(model: pin.Model, poses: Sequence[SymbolicPose], body: str) -> ca.SX:
-    """World position (3,) of the origin of a body, m.
+def body_position(
+    model: pin.Model,
+    poses: Sequence[SymbolicPose],
+    body: str,
+    offset: Sequence[float] = (0.0, 0.0, 0.0),
+) -> ca.SX:
+    """World position (3,) of a point of a body, m.
+
+    Args:
+        model: Model of the poses.
+        poses: From `body_poses`.
+        body: Name of the body.
+        offset: The point in the frame of the body, m.
 
     Raises:
         StageError: The model has no body of that name.
     """
     frame = model.frames[_body_frame(model, body)]
     pose = poses[frame.parentJoint]
-    return pose.position + pose.rotation @ ca.DM(frame.placement.translation)
+    return pose.position + pose.rotation @ ca.DM(frame.placement.act(np.asarray(offset)))
 
 
 class BodyPositions:
     """World positions of some bodies for many configurations at once."""
 
-    def __init__(self, model: pin.Model, bodies: Sequence[str]) -> None:
+    def __init__(
+        self,
+        model: pin.Model,
+        bodies: Sequence[str],
+        offsets: Sequence[Sequence[float]] | None = None,
+    ) -> None:
         """Build the function for these bodies.
+
+        Args:
+            model: Model of the robot.
+            bodies: Names of K bodies.
+            offsets: A point in the frame of each, m; default: their origins.
 
         Raises:
             StageError: The model lacks one of them.
         """
+        offsets = offsets or [(0.0, 0.0, 0.0)] * len(bodies)
         position, quat = ca.SX.sym("position", 3), ca.SX.sym("quat", 4)
         joints = ca.SX.sym("joints", model.nq - FREE_BASE)
         poses = body_poses(model, SymbolicPose(rotation_of(quat), position), joints)
-        points = ca.vertcat(*(body_position(model, poses, body) for body in bodies))
-        self._function = ca.Function("points", [position, quat, joints], [points])
+        pairs = zip(bodies, offsets, strict=True)
+        points = [body_position(model, poses, body, offset) for body, offset in pairs]
+        self._function = ca.Function("points", [position, quat, joints], [ca.vertcat(*points)])
         self._count = len(bodies)
 
     def __call__(self, root_pos: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray) -> np.ndarray:

@@ -118,7 +118,9 @@ def run(
             skipped.append({"file": str(path), "error": str(error)})
             context.progress.say(f"skipped: {error}")
     if not made:
-        raise StageError(f"none of {len(paths)} files gave a clip; the first: {skipped[0]['error']}")
+        raise StageError(
+            f"none of {len(paths)} files gave a clip; the first: {skipped[0]['error']}"
+        )
     metrics = {
         "clips": [figures for _, _, figures in made],
         "skipped": skipped,

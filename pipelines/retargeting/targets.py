@@ -91,9 +91,7 @@ def fitted_targets(
     return Targets(points, paw_contacts(mocap, mapping), scale)
 
 
-def natural_scale(
-    mocap: Mocap, mapping: BodyMap, legs: LegGeometry, foot_radius: float
-) -> float:
+def natural_scale(mocap: Mocap, mapping: BodyMap, legs: LegGeometry, foot_radius: float) -> float:
     """Length of the robot's legs over that of the animal's limbs, so that both bend alike.
 
     Less when the animal's hips stand so high above its paws that the robot's legs would stretch.

@@ -51,6 +51,20 @@ def test_prismatic_and_tilted_joints_follow_pinocchio(tmp_path):
             np.testing.assert_allclose(point, data.oMf[frame].translation, atol=1e-12)
 
 
+def test_a_point_beside_the_origin_of_a_body():
+    spec = load_robot("h1")
+    model = spec.pinocchio_model()
+    data = model.createData()
+    body, offset = spec.end_effector.body, np.array([0.3, -0.1, 0.2])
+    positions, quats, joints = random_configurations(model, 3)
+    points = kinematics.BodyPositions(model, [body], [offset])(positions, quats, joints)
+    pin.framesForwardKinematics(
+        model, data, np.r_[positions[0], quats[0, 1:], quats[0, 0], joints[0]]
+    )
+    expected = data.oMf[model.getFrameId(body, pin.FrameType.BODY)].act(offset)
+    np.testing.assert_allclose(points[0, 0], expected, atol=1e-12)
+
+
 def test_a_missing_body_is_named():
     model = load_robot("solo12").pinocchio_model()
     with pytest.raises(StageError, match="FL_PAW.*FL_FOOT"):

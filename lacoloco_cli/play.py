@@ -1,0 +1,114 @@
+"""`lacoloco play`: watch motions and policies."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lacoloco_cli.console import note
+from lacoloco_cli.failures import UserError
+from lacoloco_cli.session import Session, path_text, verb
+
+app = typer.Typer()
+
+PLAYABLE = ("train-high", "retarget", "generate")
+"""Stages whose newest artifact is played when none is named; the first that has one."""
+
+
+@verb(app)
+def play(
+    session: Session,
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[ARTIFACT]",
+            help="Motions, a high-level policy or an earlier playback; default: the run's policy,"
+            " else its motions.",
+        ),
+    ] = None,
+    clip: Annotated[
+        list[str] | None,
+        typer.Option("--clip", metavar="NAME", help="Clip to show; may be repeated."),
+    ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option("--html", metavar="FILE", help="Write the page there; open no browser."),
+    ] = None,
+) -> None:
+    """Watch a motion or a policy in the browser, or write it as one HTML file."""
+    from lacoloco.pipelines import playback as stage
+
+    config = session.config(stage.PRESETS)
+    source = source or newest(session)
+    if html is not None:
+        check_writable(html)
+    result = stage.run(config, session.context(), source=source, names=clip or ())
+    page = Path(result.metrics["html"])
+    if html is not None:
+        copy_page(page, html)
+    payload = {"artifact": path_text(result.artifact), **result.metrics}
+    payload["html"] = str(html or page)
+    session.answer(payload, lambda: typer.echo(payload["html"]))
+    if html is None and not session.as_json:
+        show(page)
+
+
+def newest(session: Session) -> Path:
+    """What is played by default.
+
+    Raises:
+        UserError: The run has nothing to play.
+    """
+    for stage in PLAYABLE:
+        found = session.store.all(session.run_name, stage)
+        if found:
+            return found[-1]
+    raise UserError(
+        f"run '{session.run_name}' has nothing to play; name an artifact, or make motions with"
+        " `lacoloco retarget`"
+    )
+
+
+def check_writable(file: Path) -> None:
+    """Refuse a place that cannot be written before the work, not after it.
+
+    Raises:
+        UserError: Its folder is missing or read-only, or it is a folder itself.
+    """
+    folder = file.absolute().parent
+    if file.is_dir() or not os.access(folder, os.W_OK):
+        raise UserError(f"--html {file}: cannot be written there; name a file in another folder")
+
+
+def copy_page(page: Path, file: Path) -> None:
+    """Copy the page to where it was asked for.
+
+    Raises:
+        UserError: The file system refuses.
+    """
+    try:
+        file.write_bytes(page.read_bytes())
+    except OSError as error:
+        raise UserError(f"--html {file}: {error.strerror}; the page is in {page}") from error
+
+
+def show(page: Path) -> None:
+    """Show a page in the browser until Ctrl-C; where there is no screen, say where it is."""
+    import threading
+    import webbrowser
+
+    from lacoloco.pipelines.viewing.server import served
+
+    with served(page.read_bytes()) as address:
+        note(f"{address}  (Ctrl-C ends)")
+        screen = sys.platform in ("darwin", "win32")
+        if screen or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+            webbrowser.open(address)
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            note("")

@@ -1,0 +1,176 @@
+"""Stage play: motions or a policy -> a recording and a page that shows it in any browser.
+
+The page (`playback.html`, beside the artifact) needs neither lacoloco nor a network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+
+from lacoloco.datasets import clip as clips
+from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
+from lacoloco.datasets.clip import Clip
+from lacoloco.pipelines import recording as recordings
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.recording import Recording
+from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.pipelines.viewing.page import build_page
+from lacoloco.robots.registry import load_robot
+
+STAGE = "play"
+SCHEMA = "lacoloco/playback"
+PAGE = "playback.html"
+
+
+@dataclass(frozen=True)
+class PlaybackConfig:
+    """How much is shown.
+
+    Attributes:
+        clips: Clips of a motion set that are shown, unless they are named; each skill gets its
+            share.
+        episodes: Episodes of a policy.
+        seconds: Length of an episode.
+    """
+
+    clips: int = 8
+    episodes: int = 3
+    seconds: float = 10.0
+
+
+def laptop() -> PlaybackConfig:
+    """A page of a few megabytes."""
+    return PlaybackConfig()
+
+
+def smoke() -> PlaybackConfig:
+    """One clip, or one second of a policy."""
+    return PlaybackConfig(clips=1, episodes=1, seconds=1.0)
+
+
+PRESETS: dict[str, Callable[[], PlaybackConfig]] = {"smoke": smoke, "laptop": laptop}
+
+
+def run(
+    config: PlaybackConfig, context: StageContext, *, source: Path, names: Sequence[str] = ()
+) -> StageResult:
+    """Record what a motion set, a policy or an earlier playback shows, and write its page.
+
+    Args:
+        config: How much.
+        context: Where.
+        source: Artifact of motions, of a policy with a high level, or of a playback.
+        names: Clips to show; default: a selection.
+
+    Returns:
+        The artifact; metrics `html` (path of the page), `robot`, and `recordings`.
+
+    Raises:
+        StageError: A clip that is not there, or an artifact of something else.
+        ArtifactError: The source is missing or damaged.
+    """
+    artifact = read_artifact(source)
+    shown = record(artifact, config, context.seed, names)
+    spec = load_robot(artifact.robot)
+    for recording in shown:
+        recording.validate(spec.num_joints)
+    directory = context.store.begin(context.run, STAGE)
+    page = build_page(spec, shown, f"{context.run}: {shown[0].name}")
+    directory.file(PAGE).write_text(page, encoding="utf-8")
+    arrays, metadata = recordings.to_arrays(shown)
+    write_artifact(
+        directory.file("artifact.h5"),
+        SCHEMA,
+        arrays,
+        metadata=metadata,
+        config=asdict(config),
+        seed=context.seed,
+        robot=(spec.name, spec.model_hash()),
+        parents=[source],
+        command=context.command,
+    )
+    done = directory.complete()
+    figures = {
+        "html": str(done.with_name(PAGE)),
+        "robot": spec.name,
+        "recordings": [recording.name for recording in shown],
+    }
+    return StageResult(done, figures)
+
+
+def record(
+    artifact: Artifact, config: PlaybackConfig, seed: int = 0, names: Sequence[str] = ()
+) -> list[Recording]:
+    """What an artifact shows.
+
+    Raises:
+        StageError: It shows nothing, or has no clip of a name.
+    """
+    if artifact.schema == clips.SCHEMA:
+        chosen = chosen_clips(clips.clips_of(artifact), config.clips, names)
+        return [recordings.from_clip(clip) for clip in chosen]
+    if artifact.schema == SCHEMA:
+        return recordings.from_arrays(artifact.arrays, artifact.metadata)
+    if artifact.schema == "lacoloco/policy":
+        return policy_recordings(artifact.path, config, seed)
+    raise StageError(
+        f"{artifact.path}: '{artifact.schema}' shows nothing; play motions or a high-level policy"
+    )
+
+
+def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Recording]:
+    """Episodes of the reach task, steered by a high-level policy.
+
+    Raises:
+        ArtifactError: The artifact holds no high level.
+    """
+    from lacoloco.pipelines.rollout import record_reach
+
+    played = record_reach(policy, seconds=config.seconds, episodes=config.episodes, seed=seed)
+    shown = []
+    for index, qpos in enumerate(played.qpos):
+        error = np.linalg.norm(played.end_effector[index, -1] - played.target[index, -1])
+        end = "fell" if played.fell[index] else f"{100 * error:.1f} cm from the target at the end"
+        shown.append(
+            Recording(
+                name=f"episode {index + 1}",
+                fps=played.fps,
+                root_pos=qpos[:, :3],
+                root_quat=qpos[:, 3:7],
+                joint_pos=qpos[:, 7:],
+                target=played.target[index],
+                latent=played.steering[index],
+                contacts=played.contact[index],
+                note=f"{policy.parent}: {end}",
+            )
+        )
+    return shown
+
+
+def chosen_clips(available: Sequence[Clip], count: int, names: Sequence[str]) -> list[Clip]:
+    """The clips of these names, or up to `count` of all, skill by skill in turn.
+
+    Raises:
+        StageError: A name that no clip has; the nearest is named.
+    """
+    by_name = {clip.name: clip for clip in available}
+    for name in names:
+        if name not in by_name:
+            near = get_close_matches(name, by_name, 1, cutoff=0.0)
+            raise StageError(
+                f"no clip '{name}' among {len(by_name)}; the nearest name is '{near[0]}'"
+            )
+    if names:
+        return [by_name[name] for name in names]
+    rank: dict[str, int] = {}
+    turns = []
+    for clip in available:
+        rank[clip.skill] = rank.get(clip.skill, 0) + 1
+        turns.append(rank[clip.skill])
+    order = sorted(range(len(available)), key=lambda index: (turns[index], index))
+    return [available[index] for index in order[:count]]

@@ -1,0 +1,1 @@
+"""Recordings as pages for the browser: the scene, its animation, and the numbers beside it."""

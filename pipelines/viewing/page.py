@@ -1,0 +1,170 @@
+"""One self-contained HTML page per playback: meshcat's viewer, the scene, and a small player.
+
+Meshcat's own static page has no text and no notion of frames, so the player (player.js) adds both:
+it seeks meshcat's animation and writes down what holds at that moment.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import meshcat
+import numpy as np
+import umsgpack
+
+from lacoloco.datasets import rotations
+from lacoloco.pipelines.kinematics import BodyPositions
+from lacoloco.pipelines.recording import Recording
+from lacoloco.pipelines.retargeting.filters import smooth
+from lacoloco.pipelines.viewing import scene
+from lacoloco.robots.spec import RobotSpec
+
+VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
+FLOAT32 = 0x17
+"""Extension type of meshcat's messages for an array of single-precision numbers."""
+TRACE, TARGET, BONES = 0x2A6FDB, 0xD7263D, 0x7A5C3E
+"""Colours of the end effector's trace, the target and the animal."""
+
+
+def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> str:
+    """Make the page.
+
+    Args:
+        spec: The robot of all recordings.
+        recordings: At least one; the page lets one choose between them.
+        title: Of the page.
+
+    Returns:
+        HTML that needs no other file and no network.
+    """
+    commands = [*scene.world_commands(), *scene.robot_commands(spec)]
+    end_effectors = EndEffector(spec)
+    played = []
+    for index, recording in enumerate(recordings):
+        reached = end_effectors.positions(recording)
+        commands += _extras(index, recording, reached)
+        animation = _packed(_animation(spec, recording))
+        played.append(_player_data(recording, reached) | {"animation": animation})
+    data = {
+        "feet": [
+            {"name": foot.removesuffix("_FOOT"), "geoms": scene.geom_paths(spec.model(), foot)}
+            for foot in spec.feet
+        ],
+        "scene": [_packed(command) for command in commands],
+        "recordings": played,
+    }
+    here = Path(__file__).parent
+    page = (here / "page.html").read_text(encoding="utf-8")
+    parts = {
+        "{{title}}": escape(title),
+        "{{player}}": (here / "player.js").read_text(encoding="utf-8"),
+        "{{data}}": json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
+        "{{viewer}}": VIEWER.read_text(encoding="utf-8"),
+    }
+    for mark, text in parts.items():
+        page = page.replace(mark, text)
+    return page
+
+
+class EndEffector:
+    """Where the end effector of a robot is."""
+
+    def __init__(self, spec: RobotSpec) -> None:
+        """Build its kinematics."""
+        self._positions = BodyPositions(
+            spec.pinocchio_model(), [spec.end_effector.body], [spec.end_effector.offset]
+        )
+
+    def positions(self, recording: Recording) -> np.ndarray:
+        """World positions (T, 3), m."""
+        poses = (recording.root_pos, recording.root_quat, recording.joint_pos)
+        return self._positions(*poses)[:, 0]
+
+
+def _extras(index: int, recording: Recording, reached: np.ndarray) -> list[scene.Command]:
+    """Trace, target and animal of one recording, below a node that is shown with it."""
+    root = f"{scene.WORLD}/recording{index}"
+    commands = [scene.line_command(f"{root}/trace", reached, TRACE)]
+    if recording.target is not None:
+        commands.append(scene.marker_command(f"{root}/target", 0.02, TARGET))
+    if recording.skeleton is not None:
+        commands.append(scene.segments_command(f"{root}/bones", len(recording.bones), BONES))
+    return commands
+
+
+def _animation(spec: RobotSpec, recording: Recording) -> scene.Command:
+    """Meshcat's animation: the base moves, every joint turns its body, the target follows."""
+    model = spec.model()
+    tracks = {
+        f"{scene.WORLD}/robot": {"position": recording.root_pos, "quaternion": recording.root_quat}
+    }
+    for joint in range(1, model.njnt):
+        body, column = model.jnt_bodyid[joint], model.jnt_qposadr[joint] - 7
+        turn = rotations.exp_map(recording.joint_pos[:, column, None] * model.jnt_axis[joint])
+        quat = rotations.multiply(model.body_quat[body][None], turn)
+        tracks[scene.body_path(model, body)] = {"quaternion": quat}
+    return {
+        "type": "set_animation",
+        "path": "",
+        "animations": [
+            {"path": f"/{path}", "clip": _clip(recording.fps, series)}
+            for path, series in tracks.items()
+        ],
+        "options": {"play": True, "repetitions": float("inf")},
+    }
+
+
+def _clip(fps: float, series: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Animation of one node. Typed arrays are a tenth of meshcat's own list of keys."""
+    tracks = []
+    for name, rows in series.items():
+        values = np.roll(rows, -1, axis=1) if name == "quaternion" else rows  # wxyz -> xyzw
+        kind = "quaternion" if name == "quaternion" else "vector"
+        times = np.arange(len(rows), dtype=np.float32)  # in frames; three.js divides by fps
+        tracks.append(
+            {"name": f".{name}", "type": kind, "times": _floats(times), "values": _floats(values)}
+        )
+    return {"fps": fps, "name": "default", "tracks": tracks}
+
+
+def _player_data(recording: Recording, reached: np.ndarray) -> dict[str, Any]:
+    """What the player writes down or colours at each frame."""
+    travel = smooth(recording.root_pos[:, :2], 0.3 * recording.fps)
+    speed = np.linalg.norm(np.gradient(recording.root_pos[:, :2], axis=0), axis=1) * recording.fps
+    data: dict[str, Any] = {
+        "name": recording.name,
+        "note": recording.note,
+        "fps": recording.fps,
+        "frames": recording.frames,
+        "camera": _rounded(travel),
+        "speed": _rounded(smooth(speed, 0.1 * recording.fps)),
+        "height": _rounded(recording.root_pos[:, 2]),
+    }
+    if recording.target is not None:
+        distance = np.linalg.norm(reached - recording.target, axis=1)
+        data |= {"target": _rounded(recording.target), "distance": _rounded(distance)}
+    if recording.latent is not None:
+        data["latent"] = _rounded(recording.latent)
+    if recording.contacts is not None:
+        data["contacts"] = recording.contacts.astype(int).tolist()
+    if recording.skeleton is not None:
+        points = np.ascontiguousarray(recording.skeleton, dtype="<f4").tobytes()
+        data |= {"skeleton": base64.b64encode(points).decode(), "bones": recording.bones}
+    return data
+
+
+def _floats(array: np.ndarray) -> umsgpack.Ext:
+    return umsgpack.Ext(FLOAT32, np.ascontiguousarray(array, dtype="<f4").tobytes())
+
+
+def _packed(command: scene.Command) -> str:
+    return base64.b64encode(umsgpack.packb(command)).decode()
+
+
+def _rounded(array: np.ndarray) -> list[Any]:
+    return np.round(array.astype(np.float64), 3).tolist()
