@@ -1,0 +1,242 @@
+"""The adversarial part: style rewards, discriminator and encoder updates, diversity."""
+
+import copy
+import math
+from types import SimpleNamespace
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from lacoloco.pipelines.learn.ase import Ase, AseConfig
+from lacoloco.pipelines.learn.latents import project
+from lacoloco.pipelines.learn.networks import NetworkConfig
+from lacoloco.pipelines.learn.ppo import PpoConfig
+
+WORLDS, HORIZON, LATENT = 8, 4, 3
+
+
+def demonstrations(count):
+    return torch.randn(count, 4, generator=torch.Generator().manual_seed(count))
+
+
+@pytest.fixture
+def make_ase():
+    """Factory of a small learner: frames of 2 numbers, latents of 3."""
+
+    def factory(worlds=WORLDS, horizon=HORIZON, seed=0, **changes):
+        torch.manual_seed(0)
+        options = {"updates": 3, "batch": 16, "replay_capacity": 64, **changes}
+        return Ase(
+            {"policy": 5, "latent": LATENT},
+            2,
+            worlds,
+            demonstrations,
+            ppo=PpoConfig(horizon=horizon, epochs=1, minibatches=1),
+            networks=NetworkConfig(actor=(16,), critic=(16,)),
+            ase=AseConfig(**options),
+            seed=seed,
+        )
+
+    return factory
+
+
+def observe(worlds, seed):
+    generator = torch.Generator().manual_seed(seed)
+    return TensorDict(
+        {
+            "policy": torch.randn(worlds, 5, generator=generator),
+            "latent": project(torch.randn(worlds, LATENT, generator=generator)),
+        },
+        batch_size=[worlds],
+    )
+
+
+def fill(ase, frames=None, valid=None, reward=0.0):
+    """Record a rollout; ``frames(step)`` gives the older frame (N, 2), the newer one is +0.5."""
+    worlds = ase.num_worlds
+    nobody = torch.zeros(worlds, dtype=torch.bool)
+    for step in range(ase.config.horizon):
+        ase.act(observe(worlds, step))
+        older = frames(step) if frames else torch.randn(worlds, 2)
+        ase.record_transition(older, older + 0.5, ~nobody if valid is None else valid)
+        ase.record(torch.full((worlds,), reward), nobody, nobody, observe(worlds, step + 1))
+    return observe(worlds, ase.config.horizon)
+
+
+@pytest.fixture(params=["gan", "drail"])
+def discriminator(request):
+    return request.param
+
+
+def test_a_rollout_is_learned_from_with_either_discriminator(make_ase, discriminator):
+    ase = make_ase(discriminator=discriminator)
+    before = {k: v.clone() for k, v in ase.discriminator.state_dict().items()}
+    ase.compute_returns(fill(ase))
+    figures = ase.update()
+    assert {"imitation_reward", "encoder_cosine", "discriminator", "encoder", "agent_accuracy"} <= set(
+        figures
+    )
+    assert all(math.isfinite(value) for value in figures.values())
+    after = ase.discriminator.state_dict()
+    assert any(not torch.equal(before[name], after[name]) for name in before)
+    assert ase.storage.step == 0, "ready for the next rollout"
+
+
+def test_style_reward_by_hand(make_ase):
+    """scale (w r_D + beta r_E), with D = 0.5 and a known encoder, on top of the task's reward."""
+    config = {
+        "reward_scale": 0.1,
+        "imitation_weight": 2.0,
+        "encoder_weight": 0.5,
+        "discriminator": "gan",
+    }
+    ase = make_ase(**config)
+    guess = torch.tensor([1.0, 0.0, 0.0])
+    ase.discriminator.logits = lambda transition, draw: torch.zeros(len(transition))
+    ase.encoder = lambda transition: guess.repeat(len(transition), 1)
+    ase.compute_returns(fill(ase, reward=0.3))
+    skill = ase.storage.observations["latent"][..., 0].clamp_min(0.0)
+    expected = 0.3 + 0.1 * (2.0 * math.log(2.0) + 0.5 * skill)
+    assert torch.allclose(ase.storage.rewards.squeeze(-1), expected, atol=1e-6)
+
+
+def test_transitions_stand_in_time_order_and_at_their_own_step(make_ase):
+    """Bug B1: the original's demonstrations are newest first, its agent's oldest first."""
+    ase = make_ase()
+    fill(ase, frames=lambda step: torch.full((WORLDS, 2), float(step)))
+    for step in range(HORIZON):
+        expected = torch.tensor([step, step, step + 0.5, step + 0.5]).repeat(WORLDS, 1)
+        assert torch.equal(ase.transitions[step], expected)
+
+
+def test_broken_worlds_earn_and_teach_nothing(make_ase):
+    ase, valid = make_ase(), torch.ones(WORLDS, dtype=torch.bool)
+    valid[2] = False
+    seen = spy(ase)
+    last = fill(ase, frames=lambda step: torch.arange(float(WORLDS))[:, None].repeat(1, 2), valid=valid)
+    ase.compute_returns(last)
+    assert torch.equal(ase.storage.rewards[:, 2], torch.zeros(HORIZON, 1))
+    assert (ase.storage.rewards[:, [0, 1, 3]] > 0).all()
+    ase.update()
+    assert 2 not in set(worlds_of(ase, torch.cat(seen)))
+
+
+def spy(ase):
+    """Record what the discriminator is shown as the agent's."""
+    seen, loss = [], ase.discriminator.loss
+
+    def watched(agent, demo, draw):
+        seen.append(agent.detach())
+        return loss(agent, demo, draw)
+
+    ase.discriminator.loss = watched
+    return seen
+
+
+def worlds_of(ase, transitions):
+    """The numbers that frames were marked with, undoing the normaliser."""
+    first = transitions[:, 0] * ase.normalizer.std[0] + ase.normalizer.mean[0]
+    return first.round().long().tolist()
+
+
+def test_style_minibatches_draw_from_all_worlds(make_ase):
+    """Bug B10: a quarter of the original's worlds never reaches the encoder."""
+    ase = make_ase(worlds=64, horizon=4, updates=1, batch=64, replay_share=0.5)
+    # Markers small enough not to be clipped by the normaliser.
+    ase.normalizer.mean.fill_(32.0)
+    ase.normalizer.std.fill_(10.0)
+    seen = spy(ase)
+    last = fill(ase, frames=lambda step: torch.arange(64.0)[:, None].repeat(1, 2))
+    ase.compute_returns(last)
+    ase.update()
+    worlds = worlds_of(ase, seen[0][:32])  # the current half of the batch; the rest is replay
+    assert len(set(worlds)) > 16
+    assert max(worlds) > 48
+    assert min(worlds) < 16
+
+
+def test_half_of_the_agents_batch_is_replayed(make_ase):
+    ase = make_ase(updates=1, batch=16, replay_share=0.25)
+    old = torch.full((8, 4), 4.0)
+    ase.replay.add(old)
+    seen = spy(ase)
+    ase.compute_returns(fill(ase, frames=lambda step: torch.zeros(WORLDS, 2)))
+    ase.update()
+    replayed = (seen[0] == 4.0).all(dim=1)
+    assert not replayed[:8].any()
+    assert replayed[8:].any()
+    assert ase.replay.size == 8 + int(0.25 * WORLDS * HORIZON)
+
+
+def test_more_updates_than_rows_wrap_around(make_ase):
+    ase = make_ase(updates=5, batch=64)
+    seen = spy(ase)
+    ase.compute_returns(fill(ase))
+    ase.update()
+    assert [len(each) for each in seen] == [64] * 5
+
+
+def test_diversity_by_hand(make_ase, monkeypatch):
+    """(1 - |mu(z) - mu(z')|^2 / 2 / D_z)^2 with D_z = 0.5 (1 - z . z'), over exploring rows."""
+    ase = make_ase(diversity=0.01)
+    z = torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    other = torch.tensor([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    monkeypatch.setattr(torch, "randn_like", lambda tensor: 3.0 * other)
+    mean, moved = torch.zeros(3, 2), torch.tensor([[1.0, 0.0], [1.0, 1.0], [9.0, 9.0]])
+    ase.actor = lambda obs: moved if torch.equal(obs["latent"], other) else None
+    explore = torch.tensor([[1.0], [1.0], [0.0]])
+    batch = SimpleNamespace(
+        observations={"policy": torch.zeros(3, 5), "latent": z, "explore": explore}
+    )
+    # D_z is 0.5 and 1; mean squared moves are 0.5 and 1: both ratios are 1.
+    assert float(ase.auxiliary_loss(batch, mean)) == pytest.approx(0.0, abs=1e-6)
+    moved[1] = 0.0
+    assert float(ase.auxiliary_loss(batch, mean)) == pytest.approx(0.01 * 0.5, rel=1e-3)
+    assert make_ase(diversity=0.0).auxiliary_loss(batch, mean) is None
+
+
+def test_the_encoder_learns_from_the_latent_in_force(make_ase):
+    """Transitions that show their latent: the cosine rises."""
+    ase = make_ase(worlds=64, updates=20, batch=64, encoder_learning_rate=1e-2)
+    cosines = []
+    for _ in range(6):
+        nobody = torch.zeros(64, dtype=torch.bool)
+        for step in range(HORIZON):
+            obs = observe(64, step)
+            ase.act(obs)
+            z = obs["latent"]
+            ase.record_transition(z[:, :2], torch.stack([z[:, 2], z[:, 0]], dim=1), ~nobody)
+            ase.record(torch.zeros(64), nobody, nobody, obs)
+        ase.compute_returns(obs)
+        cosines.append(ase.update()["encoder_cosine"])
+    assert cosines[0] < 0.5 < 0.9 < cosines[-1]
+
+
+def test_rewards_under_constraints_are_scaled_once(make_ase):
+    """r (1 - delta) in the returns; the stored style reward stays whole."""
+    ase = make_ase(horizon=1, discriminator="gan", encoder_weight=0.0, reward_scale=1.0)
+    ase.discriminator.logits = lambda transition, draw: torch.zeros(len(transition))
+    everyone = torch.ones(WORLDS, dtype=torch.bool)
+    ase.act(observe(WORLDS, 0))
+    ase.record_transition(torch.zeros(WORLDS, 2), torch.zeros(WORLDS, 2), everyone)
+    delta = torch.full((WORLDS,), 0.25)
+    ase.record(torch.zeros(WORLDS), everyone, ~everyone, observe(WORLDS, 1), delta)
+    ase.compute_returns(observe(WORLDS, 1))
+    assert torch.allclose(ase.storage.returns, torch.tensor(0.75 * math.log(2.0)), atol=1e-5)
+
+
+def test_save_and_load_go_on_bit_for_bit(make_ase, discriminator):
+    first = make_ase(discriminator=discriminator)
+    first.compute_returns(fill(first))
+    first.update()
+    second = make_ase(discriminator=discriminator, seed=9)
+    second.load(copy.deepcopy(first.save()))
+    results = []
+    for ase in (first, second):
+        torch.manual_seed(5)
+        ase.compute_returns(fill(ase))
+        results.append(ase.update())
+    assert results[0] == results[1]
+    for ours, theirs in zip(first.actor.parameters(), second.actor.parameters(), strict=True):
+        assert torch.equal(ours, theirs)

@@ -1,0 +1,72 @@
+"""What both discriminators share: normaliser, classification, imitation reward."""
+
+import math
+
+import pytest
+import torch
+
+from lacoloco.pipelines.learn.discriminator import (
+    CLIP,
+    TransitionNormalizer,
+    classification,
+    imitation_reward,
+)
+
+
+def test_undecided_pays_ln_two():
+    """Facts 9.5 (7): D = 0.5 gives -log(1 - 0.5); the original doubles it and halves it again."""
+    assert float(imitation_reward(torch.zeros(1))) == pytest.approx(math.log(2.0))
+
+
+def test_reward_is_minus_log_of_one_minus_d_up_to_its_ceiling():
+    logits = torch.linspace(-8.0, 4.0, 25)
+    expected = -torch.log(1.0 - torch.sigmoid(logits.double()))
+    assert torch.allclose(imitation_reward(logits), expected.float(), atol=1e-5)
+    assert imitation_reward(torch.tensor([5.1, 100.0, 1e30]), ceiling=5.0).tolist() == [5.0] * 3
+    assert float(imitation_reward(torch.tensor([-1e30]))) == 0.0
+
+
+def test_classification_by_hand():
+    agent, demo = torch.tensor([0.0, math.log(3.0)]), torch.tensor([math.log(3.0)])
+    loss, figures = classification(agent, demo)
+    # -log(1 - D) is ln 2 and ln 4; -log D is ln(4 / 3).
+    expected = 0.5 * (0.5 * (math.log(2) + math.log(4)) + math.log(4 / 3))
+    assert float(loss) == pytest.approx(expected, rel=1e-5)
+    assert float(figures["agent_accuracy"]) == 0.0
+    assert float(figures["demo_accuracy"]) == 1.0
+    assert float(figures["agent_logit"]) == pytest.approx(math.log(3.0) / 2)
+
+
+def test_accuracy_counts_each_class_on_its_own_side():
+    _, figures = classification(torch.tensor([-1.0, -2.0, 3.0, -4.0]), torch.tensor([1.0, -1.0]))
+    assert float(figures["agent_accuracy"]) == 0.75
+    assert float(figures["demo_accuracy"]) == 0.5
+
+
+def test_both_frames_share_one_set_of_statistics():
+    generator = torch.Generator().manual_seed(0)
+    before = torch.randn(4000, 2, generator=generator) * torch.tensor([1.0, 3.0])
+    after = before + torch.tensor([0.1, -0.3])
+    normalizer = TransitionNormalizer.fit(torch.cat([before, after], dim=1))
+    assert normalizer.mean.shape == (2,)
+    assert torch.allclose(normalizer.mean, torch.tensor([0.05, -0.15]), atol=0.15)
+    result = normalizer(torch.cat([before, after], dim=1)[:100])
+    # So their difference keeps its meaning: it is scaled, and nothing else.
+    change = (result[:, 2:] - result[:, :2]) * normalizer.std
+    unclipped = (result.abs() < CLIP).all(dim=1)
+    assert torch.allclose(change[unclipped], (after - before)[:100][unclipped], atol=1e-5)
+
+
+def test_normalizer_by_hand():
+    normalizer = TransitionNormalizer(torch.tensor([1.0, 0.0]), torch.tensor([2.0, 0.0]))
+    found = normalizer(torch.tensor([[3.0, 0.002, -1.0, 1.0]]))
+    # A column that never varies is not blown up without bounds.
+    assert torch.allclose(found, torch.tensor([[1.0, 2.0, -1.0, CLIP]]))
+
+
+def test_normalizer_is_part_of_the_state():
+    first = TransitionNormalizer.fit(torch.randn(50, 6))
+    second = TransitionNormalizer(torch.zeros(3), torch.ones(3))
+    second.load_state_dict(first.state_dict())
+    sample = torch.randn(4, 6)
+    assert torch.equal(first(sample), second(sample))

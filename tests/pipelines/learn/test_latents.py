@@ -1,0 +1,76 @@
+"""Latents: uniform on the sphere, held for a while."""
+
+import torch
+
+from lacoloco.pipelines.learn.latents import (
+    LatentConfig,
+    LatentSchedule,
+    project,
+    sample_latents,
+)
+
+NOBODY = torch.zeros(3, dtype=torch.bool)
+
+
+def schedule(worlds=3, **config):
+    return LatentSchedule(worlds, LatentConfig(**config), seed=0)
+
+
+def test_projection_is_to_the_unit_sphere():
+    u = torch.tensor([[3.0, 4.0], [-0.1, 0.0]])
+    assert torch.allclose(project(u), torch.tensor([[0.6, 0.8], [-1.0, 0.0]]))
+    assert torch.isfinite(project(torch.zeros(1, 7))).all()
+
+
+def test_latents_are_uniform_on_the_sphere():
+    z = sample_latents(20_000, 7, torch.Generator().manual_seed(0))
+    assert torch.allclose(z.norm(dim=-1), torch.ones(20_000), atol=1e-5)
+    assert torch.allclose(z.mean(0), torch.zeros(7), atol=0.01)
+    assert torch.allclose(z.T @ z / 20_000, torch.eye(7) / 7, atol=0.01)
+
+
+def test_durations_fill_one_to_149_steps():
+    """Facts 9.5 (9)."""
+    remaining = schedule(worlds=20_000).remaining
+    assert int(remaining.min()) == 1
+    assert int(remaining.max()) == 149
+    assert abs(float(remaining.float().mean()) - 75.0) < 1.0
+
+
+def test_a_latent_lives_exactly_as_long_as_drawn():
+    latents = schedule(worlds=40, min_steps=2, max_steps=6)
+    nobody = torch.zeros(40, dtype=torch.bool)
+    due, start = latents.remaining.clone(), latents.z
+    for step in range(1, 7):
+        latents.advance(nobody)
+        same = (latents.z == start).all(dim=-1)
+        assert torch.equal(same, due > step)
+
+
+def test_a_reset_brings_a_new_latent():
+    latents = schedule(min_steps=50)
+    before = latents.z
+    latents.advance(torch.tensor([False, True, False]))
+    assert (latents.z == before).all(dim=-1).tolist() == [True, False, True]
+    assert torch.allclose(latents.z.norm(dim=-1), torch.ones(3), atol=1e-6)
+
+
+def test_old_latents_stay_as_they_were():
+    """The transition being recorded may still refer to them."""
+    latents = schedule(min_steps=1, max_steps=1)
+    before = latents.z
+    kept = before.clone()
+    latents.advance(NOBODY)
+    assert torch.equal(before, kept)
+    assert not torch.equal(latents.z, kept)
+
+
+def test_state_dict_goes_on_with_the_same_latents():
+    first, second = schedule(max_steps=4), LatentSchedule(3, LatentConfig(max_steps=4), seed=9)
+    first.advance(NOBODY)
+    state = {key: value.clone() for key, value in first.state_dict().items()}
+    second.load_state_dict(state)
+    for _ in range(10):
+        first.advance(NOBODY)
+        second.advance(NOBODY)
+        assert torch.equal(first.z, second.z)

@@ -1,0 +1,253 @@
+"""PPO: what it records, what it learns from, and from whom."""
+
+import math
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from lacoloco.pipelines.learn.networks import NetworkConfig
+from lacoloco.pipelines.learn.ppo import EXPLORE, deterministic_schedule
+
+NOBODY = torch.zeros(4, dtype=torch.bool)
+
+
+def world(*ids):
+    mask = NOBODY.clone()
+    mask[list(ids)] = True
+    return mask
+
+
+def fill(ppo, observe, rewards=0.0):
+    """Record one rollout of constant rewards without any episode ending."""
+    worlds, horizon = ppo.num_worlds, ppo.config.horizon
+    nobody = torch.zeros(worlds, dtype=torch.bool)
+    for step in range(horizon):
+        ppo.act(observe(worlds, seed=step))
+        ppo.record(torch.full((worlds,), rewards), nobody, nobody, observe(worlds, seed=step + 1))
+    return observe(worlds, seed=horizon)
+
+
+def value(ppo, obs):
+    with torch.no_grad():
+        return ppo.critic(obs).squeeze(-1)
+
+
+def test_nine_steps_of_ten_explore():
+    """Facts 9.5 (8): mean 0.900 over 4096 worlds, from always to never."""
+    probability = deterministic_schedule(4096, 0.1)
+    assert float(probability.mean()) == pytest.approx(0.9, abs=1e-3)
+    assert float(probability[0]) == pytest.approx(1.0, abs=1e-4)
+    assert float(probability[-1]) == 0.0
+    assert (probability.diff() <= 0).all()
+    # p_i = 1 - exp(10 (i / (N - 1) - 1)), the original's formula.
+    assert float(probability[2047]) == pytest.approx(1 - math.exp(10 * (2047 / 4095 - 1)), rel=1e-5)
+
+
+def test_every_step_explores_unless_asked_otherwise():
+    assert deterministic_schedule(7, 0.0).tolist() == [1.0] * 7
+
+
+def test_deterministic_steps_act_on_the_mean_and_say_so(make_ppo, observe):
+    ppo, obs = make_ppo(), observe()
+    ppo.sampling_probability = torch.tensor([1.0, 0.0, 1.0, 0.0])
+    action = ppo.act(obs)
+    with torch.no_grad():
+        off = (action - ppo.actor(obs)).abs().amax(dim=-1)
+    assert (off > 1e-4).tolist() == [True, False, True, False]
+    assert obs[EXPLORE].flatten().tolist() == [1.0, 0.0, 1.0, 0.0]
+
+
+def test_deterministic_steps_have_no_say_in_the_policy(make_ppo, observe):
+    """Whatever their advantage: only the critic learns from them."""
+    gradients = []
+    for gain in (1.0, 1000.0):
+        ppo = make_ppo(horizon=1)
+        ppo.sampling_probability = torch.tensor([1.0, 0.0, 1.0, 0.0])
+        last = fill(ppo, observe)
+        ppo.compute_returns(last)
+        ppo.storage.advantages[0, :, 0] = torch.tensor([0.5, gain, -0.5, -gain])
+        loss, _ = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
+        loss.backward()
+        gradients.append([p.grad.clone() for p in ppo.actor.parameters() if p.grad is not None])
+    for ours, theirs in zip(*gradients, strict=True):
+        assert torch.equal(ours, theirs)
+    assert max(float(g.abs().max()) for g in gradients[0]) > 0
+
+
+def test_advantages_are_normalised_over_the_exploring_steps(make_ppo, observe):
+    ppo = make_ppo(worlds=6, horizon=8)
+    ppo.sampling_probability = torch.tensor([1.0, 1.0, 1.0, 0.5, 0.0, 0.0])
+    for step in range(8):
+        ppo.act(observe(6, seed=step))
+        nobody = torch.zeros(6, dtype=torch.bool)
+        ppo.record(torch.randn(6), nobody, nobody, observe(6, seed=step + 1))
+    ppo.compute_returns(observe(6, seed=8))
+    explore = ppo.storage.observations[EXPLORE] > 0
+    chosen = ppo.storage.advantages[explore]
+    assert float(chosen.mean()) == pytest.approx(0.0, abs=1e-5)
+    assert float(chosen.std()) == pytest.approx(1.0, abs=1e-3)
+    assert len(chosen) < 48
+
+
+def test_returns_of_a_time_out_a_fall_and_a_soft_termination(make_ppo, observe):
+    """One step, gamma 0.9: r (1 - delta) + gamma (1 - delta) V(next); the last obs are post-reset.
+
+    World 0 lives, 1 falls, 2 times out (and is worth its true last state: bugs B3 and B9), 3 is
+    terminated by half.
+    """
+    ppo = make_ppo(horizon=1, gamma=0.9)
+    ppo.act(observe())
+    true_next, after_reset = observe(seed=1), observe(seed=2)
+    after_reset["policy"][[0, 3]] = true_next["policy"][[0, 3]]
+    ppo.record(
+        torch.ones(4), world(1), world(2), true_next, delta=torch.tensor([0.0, 0.0, 0.0, 0.5])
+    )
+    ppo.compute_returns(after_reset)
+    following = value(ppo, true_next)
+    expected = torch.stack(
+        [
+            1 + 0.9 * following[0],
+            torch.tensor(1.0),
+            1 + 0.9 * following[2],
+            0.5 + 0.45 * following[3],
+        ]
+    )
+    assert torch.allclose(ppo.storage.returns[0, :, 0], expected, atol=1e-5)
+    assert not torch.allclose(value(ppo, after_reset)[2], following[2], atol=1e-3)
+
+
+def test_an_episode_that_ends_inside_a_rollout_learns_nothing_from_the_next_one(make_ppo, observe):
+    """Bug B2: rewards after the reset must not flow back over it."""
+    returns = []
+    for later in (0.0, 100.0):
+        ppo = make_ppo(horizon=2, lam=1.0)
+        for step, reward in enumerate((1.0, later)):
+            ppo.act(observe(seed=step))
+            ends = NOBODY if step else world(0, 1)
+            fell, timed_out = ends & world(0), ends & world(1)
+            ppo.record(torch.full((4,), reward), fell, timed_out, observe(seed=10 + step))
+        ppo.compute_returns(observe(seed=20))
+        returns.append(ppo.storage.returns[0, :, 0])
+    assert torch.equal(returns[0][:2], returns[1][:2])
+    assert (returns[1][2:] > returns[0][2:] + 50).all()
+
+
+def test_recorded_rewards_are_not_changed_behind_the_callers_back(make_ppo, observe):
+    ppo = make_ppo(horizon=1)
+    ppo.act(observe())
+    reward = torch.ones(4)
+    ppo.record(reward, NOBODY, NOBODY, observe(seed=1), delta=torch.full((4,), 0.5))
+    ppo.compute_returns(observe(seed=1))
+    assert reward.tolist() == [1.0] * 4
+
+
+def test_minibatches_are_shuffled_over_all_worlds(make_ppo, observe):
+    """Bug B10: each of the original's minibatches is one block of worlds."""
+    ppo = make_ppo(worlds=16, horizon=16, minibatches=4)
+    for step in range(16):
+        obs = observe(16, seed=step)
+        obs["policy"][:, 0] = torch.arange(16.0)
+        nobody = torch.zeros(16, dtype=torch.bool)
+        ppo.act(obs)
+        ppo.record(torch.zeros(16), nobody, nobody, obs)
+    ppo.compute_returns(obs)
+    seen = []
+    for batch in ppo.storage.mini_batch_generator(4, 1):
+        worlds = batch.observations["policy"][:, 0].tolist()
+        assert len(set(worlds)) >= 14, "64 of 256 rows: nearly every world"
+        seen += worlds
+    assert sorted(seen) == sorted(list(range(16)) * 16)
+
+
+def test_the_surrogate_is_clipped(make_ppo, observe):
+    """min(ratio A, clip(ratio, 0.8, 1.2) A), by moving the old log-probabilities."""
+    ppo = make_ppo(horizon=1)
+    last = fill(ppo, observe)
+    ppo.compute_returns(last)
+    ppo.storage.actions_log_prob += torch.tensor([0.0, -math.log(1.5), -math.log(1.5), math.log(2)])[
+        :, None
+    ]
+    gains = torch.tensor([1.0, 1.0, -1.0, -1.0])
+    ppo.storage.advantages[0, :, 0] = gains
+    _, figures = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
+    # ratios 1, 1.5, 1.5, 0.5
+    expected = -(1.0 + 1.2 - 1.5 - 0.8) / 4
+    assert float(figures["surrogate"].detach()) == pytest.approx(expected, rel=1e-4)
+
+
+def test_learning_rate_follows_the_kl(make_ppo, observe):
+    config = {"horizon": 1, "learning_rate": 1e-3, "desired_kl": 0.01}
+    rates = {}
+    for moved in (0.0, 0.05, 1.0):
+        ppo = make_ppo(**config)
+        last = fill(ppo, observe)
+        ppo.compute_returns(last)
+        ppo.storage.distribution_params[0].add_(moved)  # the old mean, std 0.5
+        ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
+        rates[moved] = ppo.learning_rate
+        assert ppo.optimizer.param_groups[0]["lr"] == ppo.learning_rate
+        assert ppo.optimizer.param_groups[1]["lr"] == ppo.config.critic_learning_rate
+    # KL = sum over 2 actions of 0.5 (moved / 0.5)^2: 0, 0.01 and 4.
+    assert rates == pytest.approx({0.0: 1.5e-3, 0.05: 1e-3, 1.0: 1e-3 / 1.5})
+
+
+def test_learning_rate_stays_in_its_range(make_ppo, observe):
+    ppo = make_ppo(horizon=1, learning_rate=1e-3, max_learning_rate=1.2e-3, min_learning_rate=9e-4)
+    last = fill(ppo, observe)
+    ppo.compute_returns(last)
+    batch = next(iter(ppo.storage.mini_batch_generator(1, 1)))
+    ppo._loss(batch)
+    assert ppo.learning_rate == 1.2e-3
+    batch.old_distribution_params[0].add_(5.0)
+    for _ in range(3):
+        ppo._loss(batch)
+    assert ppo.learning_rate == 9e-4
+
+
+def test_means_beyond_the_bound_are_pulled_back(make_ppo, observe):
+    losses = {}
+    for weight in (0.0, 2.0):
+        ppo = make_ppo(horizon=1, bound=0.0, bound_weight=weight)
+        last = fill(ppo, observe)
+        ppo.compute_returns(last)
+        (batch,) = ppo.storage.mini_batch_generator(1, 1)
+        losses[weight] = float(ppo._loss(batch)[0].detach())
+        with torch.no_grad():
+            excess = ppo.actor(batch.observations).square().sum(-1).mean()
+    assert losses[2.0] - losses[0.0] == pytest.approx(2.0 * float(excess), rel=1e-3)
+
+
+def test_statistics_of_observations_move_only_after_the_update(make_ppo, observe):
+    ppo = make_ppo()
+    ppo.warm_up(observe(64, seed=3))
+    mean = ppo.actor.obs_normalizer.mean
+    assert not torch.equal(mean, torch.zeros(3))
+    last = fill(ppo, observe)
+    ppo.compute_returns(last)
+    assert torch.equal(ppo.actor.obs_normalizer.mean, mean)
+    ppo.update()
+    assert not torch.equal(ppo.actor.obs_normalizer.mean, mean)
+    assert torch.equal(ppo.actor.obs_normalizer.mean, ppo.critic.obs_normalizer.mean)
+
+
+def test_it_learns_what_to_do_and_what_it_is_worth(make_ppo):
+    """Best is to answer the first two numbers with their negatives; episodes last one step."""
+    networks = NetworkConfig(actor=(32,), critic=(32,), init_std=0.3)
+    ppo = make_ppo(
+        worlds=128, horizon=4, epochs=3, minibatches=2, networks=networks, learning_rate=3e-3
+    )
+    rewards, ends = [], torch.ones(128, dtype=torch.bool)
+    for _ in range(40):
+        for _ in range(4):
+            obs = TensorDict({"policy": torch.rand(128, 3) * 2 - 1}, batch_size=[128])
+            action = ppo.act(obs)
+            reward = -(action + obs["policy"][:, :2]).square().sum(-1)
+            ppo.record(reward, ends, ~ends, obs)
+            rewards.append(float(reward.mean()))
+        ppo.compute_returns(obs)
+        figures = ppo.update()
+    noise = 2 * 0.3**2
+    assert sum(rewards[:4]) / 4 < -0.6
+    assert sum(rewards[-4:]) / 4 > -noise - 0.06
+    assert set(figures) >= {"surrogate", "value", "kl", "learning_rate", "explained_variance"}
