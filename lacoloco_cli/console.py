@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    import rich.progress
+    import rich.live
 
     from lacoloco.pipelines.stage import Progress
 
@@ -121,57 +121,56 @@ class Lines:
 
 
 class Bar:
-    """Progress as one live bar per part, with rate, time left and figures."""
+    """Progress as one live bar per part, with rate and time left, and the figures below it."""
 
     def __init__(self) -> None:
         """Draw nothing yet."""
-        self._bar: rich.progress.Progress | None = None
+        self._live: rich.live.Live | None = None
         self._meter: Meter | None = None
         self._figures: Mapping[str, float] = {}
 
     def start(self, description: str, total: int) -> None:
         """Begin a part with its own bar."""
-        from rich.console import Console
+        from rich.console import Console, Group
+        from rich.live import Live
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.text import Text
 
         self.stop()
         self._meter, self._figures = Meter(total), {}
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=24),
-            TextColumn("{task.fields[summary]}"),
-            TimeElapsedColumn(),
-            TextColumn("[dim]{task.fields[figures]}"),
-            console=Console(stderr=True),
-        )
-        self._bar.add_task(description, total=total or None, summary="", figures="")
-        self._bar.start()
+        bar = BarColumn(bar_width=16)
+        columns = ("{task.description}", bar, "{task.fields[summary]}", TimeElapsedColumn())
+        # the columns are drawn by the Live below, which knows where the figures go
+        self._bar = Progress(*(TextColumn(c) if isinstance(c, str) else c for c in columns))
+        self._bar.add_task(description, total=total or None, summary="")
+        self._text = Text(style="dim", no_wrap=True, overflow="ellipsis")
+        console = Console(stderr=True)
+        self._live = Live(Group(self._bar, self._text), console=console, refresh_per_second=4)
+        self._live.start()
 
     def advance(self, done: int, **figures: float) -> None:
         """Move the bar."""
-        if self._bar is None or self._meter is None:
+        if self._live is None or self._meter is None:
             return
         self._meter.update(done)
         self._figures = {**self._figures, **figures}
-        self._bar.update(
-            self._bar.task_ids[0],
-            completed=done,
-            summary=self._meter.summary(),
-            figures=figures_text(self._figures),
-        )
+        summary = self._meter.summary()
+        self._bar.update(self._bar.task_ids[0], completed=done, summary=summary)
+        self._text.plain = figures_text(self._figures)
 
     def say(self, line: str) -> None:
         """Print a line above the bar."""
-        if self._bar is None:
+        if self._live is None:
             note(line)
         else:
-            self._bar.console.print(line, markup=False, highlight=False)
+            self._live.console.print(line, markup=False, highlight=False)
 
     def stop(self) -> None:
         """Freeze the bar where it is."""
-        if self._bar is not None:
-            self._bar.stop()
-        self._bar = self._meter = None
+        if self._live is not None:
+            self._bar.stop_task(self._bar.task_ids[0])
+            self._live.stop()
+        self._live = self._meter = None
 
 
 def print_table(

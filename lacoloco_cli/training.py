@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from lacoloco_cli import console
 from lacoloco_cli.session import Session, path_text
 
@@ -58,10 +60,12 @@ def contexts(session: Session, count: int) -> Iterator[StageContext]:
 
 
 def show(trained: Sequence[dict[str, Any]], shown: Sequence[str]) -> None:
-    """Print one row per seed."""
-    columns = [name for name in ("method", "seed", *SPEED, *shown) if name in trained[0]]
-    rows = [[row.get(name) for name in (*columns, "artifact")] for row in trained]
-    console.print_table([*columns, "artifact"], rows)
+    """Print one column per seed, a row per figure, and where the artifacts are."""
+    names = [name for name in ("method", *SPEED, *shown) if name in trained[0]]
+    rows = [[name, *(one.get(name) for one in trained)] for name in names]
+    console.print_table(["", *(f"seed {one['seed']}" for one in trained)], rows)
+    for one in trained:
+        typer.echo(f"artifact: {one['artifact']}")
 
 
 def _unfinished_seed(session: Session) -> int | None:
