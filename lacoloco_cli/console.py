@@ -44,12 +44,14 @@ class Meter:
         self.done = 0
         self._clock = clock
         self._samples = deque([(clock(), 0)])
+        self._fresh = True
 
     def update(self, done: int) -> None:
         """Record how much is done, absolute."""
         now = self._clock()
-        if len(self._samples) == 1 and now - self._samples[0][0] < self.RESUMED:
+        if self._fresh and now - self._samples[0][0] < self.RESUMED:
             self._samples.clear()
+        self._fresh = False
         self._samples.append((now, done))
         while len(self._samples) > 2 and now - self._samples[0][0] > self.WINDOW:
             self._samples.popleft()

@@ -38,6 +38,14 @@ def test_rate_follows_a_change_of_pace(clock):
     assert meter.rate == pytest.approx(1000)
 
 
+def test_rate_of_many_small_steps(clock):
+    meter = console.Meter(0, clock)
+    for step in range(1, 101):
+        clock.now = step / 50
+        meter.update(step)
+    assert meter.rate == pytest.approx(50)
+
+
 def test_work_done_before_a_resume_does_not_count_as_speed(clock):
     meter = console.Meter(3000, clock)
     clock.now = 0.01
