@@ -20,7 +20,7 @@ from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import train
+from lacoloco.pipelines.training import remove_checkpoints, train
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
@@ -97,6 +97,7 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
         metrics=metrics,
         metadata={"method": method, "hold_steps": HOLD_STEPS},
     )
+    remove_checkpoints(directory.path)
     return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
 
 

@@ -25,7 +25,7 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState, layout, style_frame, width
 from lacoloco.pipelines.sim.tasks import imitate_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import train
+from lacoloco.pipelines.training import remove_checkpoints, train
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
@@ -107,6 +107,7 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         metrics=metrics,
         metadata={"method": method},
     )
+    remove_checkpoints(directory.path)
     return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
 
 

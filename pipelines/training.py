@@ -45,7 +45,8 @@ def train(
 ) -> dict[str, float]:
     """Run the training to its end, from its checkpoint if there is one.
 
-    Ctrl-C is taken at the end of the running iteration: the checkpoint then holds exactly that iteration.
+    Ctrl-C is taken at the end of the running iteration: the checkpoint then holds exactly that iteration. The last
+    checkpoint stays until :func:`remove_checkpoints`, so that a finished training is not repeated by a resumed stage.
 
     Args:
         trainer: what to train.
@@ -67,7 +68,8 @@ def train(
     total = iterations * trainer.samples_per_iteration
     context.progress.start(description, total)
     begin = saved = time.monotonic()
-    with MetricsLog(directory, description) as log, _deferred_interrupt() as interrupted:
+    done = start * trainer.samples_per_iteration
+    with MetricsLog(directory, description, done) as log, _deferred_interrupt() as interrupted:
         for iteration in range(start, iterations):
             figures = trainer.iterate(iteration / iterations)
             samples = (iteration + 1) * trainer.samples_per_iteration
@@ -80,21 +82,42 @@ def train(
             if interrupted():
                 raise KeyboardInterrupt
     context.progress.stop()
-    checkpoint.unlink(missing_ok=True)
     seconds = elapsed + time.monotonic() - begin
+    if start < iterations:
+        # Whatever interrupts the rest of the stage, the training need not be repeated.
+        _save(trainer, checkpoint, iterations, seconds, figures, context, config or {})
     return figures | {"samples": total, "seconds": seconds, "samples_per_second": total / max(seconds, 1e-9)}
+
+
+def remove_checkpoints(directory: Path) -> None:
+    """Delete the checkpoints in a stage's directory, once its artifact holds what they were for."""
+    for path in directory.glob("*.checkpoint.h5"):
+        path.unlink()
 
 
 class MetricsLog:
     """``metrics.jsonl`` and TensorBoard events of one training, appended to when it resumes."""
 
-    def __init__(self, directory: Path, name: str) -> None:
-        """Open both in ``directory``; ``name`` prefixes the TensorBoard tags."""
+    def __init__(self, directory: Path, name: str, done: int = 0) -> None:
+        """Open both in ``directory``; ``name`` prefixes the TensorBoard tags.
+
+        Lines of this training beyond ``done`` samples are dropped: a killed one wrote them after its last checkpoint.
+        """
         from torch.utils.tensorboard import SummaryWriter
 
         self.name = name
-        self._lines = (directory / "metrics.jsonl").open("a")
-        self._events = SummaryWriter(str(directory / "tensorboard"))
+        path = directory / "metrics.jsonl"
+        lines = path.read_text().splitlines(keepends=True) if path.exists() else []
+        path.write_text("".join(line for line in lines if not self._is_repeated(line, done)))
+        self._lines = path.open("a")
+        self._events = SummaryWriter(str(directory / "tensorboard"), purge_step=done + 1)
+
+    def _is_repeated(self, line: str, done: int) -> bool:
+        try:
+            logged = json.loads(line)
+        except json.JSONDecodeError:  # cut short by the kill
+            return True
+        return logged["training"] == self.name and logged["samples"] > done
 
     def __enter__(self) -> MetricsLog:
         """Use as a context manager."""
