@@ -17,7 +17,7 @@ from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, TASKS
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import train
+from lacoloco.pipelines.training import remove_checkpoints, train
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
@@ -118,6 +118,7 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
         parents=[],
         metrics=metrics,
     )
+    remove_checkpoints(directory.path)
     return directory.complete()
 
 
