@@ -10,7 +10,7 @@ ROOMS  := pipelines robots datasets
 help:
 	@echo "make demo       the whole chain on two cores, ends with a table of what came out"
 	@echo "make test       all tests              make test-fast  without the slow ones"
-	@echo "make lint       ruff                   make types      pyright"
+	@echo "make lint       ruff                   make types      mypy"
 	@echo "make build      wheel and sdist        make clean      remove what was built"
 
 demo: $(VENV)/.installed
@@ -30,7 +30,7 @@ lint: $(VENV)/.dev
 types: $(VENV)/.types
 	@mkdir -p build/types/lacoloco
 	@for room in $(ROOMS); do ln -sfn ../../../$$room build/types/lacoloco/$$room; done
-	$(BIN)/pyright
+	$(BIN)/mypy lacoloco_cli build/types/lacoloco
 
 build: $(VENV)/.dev
 	rm -rf dist

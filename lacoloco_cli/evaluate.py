@@ -89,7 +89,7 @@ def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path
             train_missing(session, method, seed)
         found, absent = trained(session, "train-high"), []
     most_absent = max(Counter(method for method, _ in absent).values(), default=0)
-    coverage = {"seeds_asked": seeds, "seeds_found": seeds - most_absent}
+    coverage: dict[str, Any] = {"seeds_asked": seeds, "seeds_found": seeds - most_absent}
     if absent:
         options = ["--run", session.run_name, "--seeds", str(seeds), "--train-missing"]
         coverage["train_missing"] = shlex.join(["lacoloco", "eval", *options])

@@ -40,7 +40,7 @@ class FrontDoor(typer.core.TyperGroup):
         for name, (_, help_line) in VERBS.items():
             self.add_command(typer.core.TyperCommand(name=name, help=help_line))
 
-    def resolve_command(self, ctx: typer.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
         """Exchange the listed verb for the real one."""
         name, command, rest = super().resolve_command(ctx, args)
         if name in VERBS:
@@ -52,7 +52,7 @@ class FrontDoor(typer.core.TyperGroup):
             command.params = [p for p in command.params if p.name not in completion]
         return name, command, rest
 
-    def main(self, args: Sequence[str] | None = None, **extra: Any) -> NoReturn:
+    def main(self, args: Sequence[str] | None = None, *_: Any, **extra: Any) -> NoReturn:
         """Run, and end a mistake in the command line itself with one line and exit code 2."""
         arguments = list(sys.argv[1:] if args is None else args)
         extra |= {"standalone_mode": False, "obj": {"arguments": arguments}}

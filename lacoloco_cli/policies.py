@@ -76,11 +76,11 @@ def train_missing(session: Session, method: str, seed: int) -> Path:
         low = same_seed[0]
     else:
         example = lows[-1].header if lows else _low_of(high.header)
-        config = restored(train_low.TrainLowConfig(), example.config)
+        low_config = restored(train_low.TrainLowConfig(), example.config)
         motions = [parent.locate(example.path) for parent in example.parents]
-        low = train_low.run(config, context, motions=motions).artifact
-    config = restored(train_high.TrainHighConfig(), high.header.config)
-    return train_high.run(config, context, low=low).artifact
+        low = train_low.run(low_config, context, motions=motions).artifact
+    high_config = restored(train_high.TrainHighConfig(), high.header.config)
+    return train_high.run(high_config, context, low=low).artifact
 
 
 def _low_of(high: Header) -> Header:

@@ -49,7 +49,7 @@ def fill_in(context: typer.Context, arguments: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _typed(context: typer.Context, name: str) -> bool:
+def _typed(context: Any, name: str) -> bool:
     source = context.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -41,19 +41,19 @@ def run(
     """Run an experiment from nothing: motions, both levels, evaluation, ONNX, pages to watch."""
     from lacoloco.pipelines import experiments
 
-    check_name(name, experiments.EXPERIMENTS)
+    name = known_name(name, experiments.EXPERIMENTS)
     method = f"{disc}-cat" if cat else disc
     if method not in experiments.METHODS:
         raise UserError(f"--disc {disc}: use gan or drail")
     outcomes = experiments.run(
         name,
         session.context(),
-        preset=session.preset,
+        preset=session.preset or "laptop",
         method=method,
         seeds=seeds,
         mocap=mocap or [],
     )
-    stages = [
+    stages: list[dict[str, Any]] = [
         {
             "stage": outcome.stage,
             "seconds": outcome.seconds,
@@ -76,8 +76,8 @@ def run(
     session.answer({"artifact": stages[-1]["artifact"], **answer}, show)
 
 
-def check_name(name: str | None, known: Iterable[str]) -> None:
-    """Refuse an experiment that does not exist.
+def known_name(name: str | None, known: Iterable[str]) -> str:
+    """Return the name of an experiment that exists.
 
     Raises:
         UserError: The message lists the known ones and the nearest.
@@ -89,3 +89,4 @@ def check_name(name: str | None, known: Iterable[str]) -> None:
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         raise UserError(f"experiment {name!r} is not known; {hint}use one of {', '.join(known)}")
+    return name

@@ -79,7 +79,7 @@ class Session:
         Raises:
             UserError: Unknown preset (the known ones are listed), key, or type of a value.
         """
-        if self.preset not in presets:
+        if self.preset is None or self.preset not in presets:
             known = ", ".join(presets)
             raise UserError(f"--preset {self.preset}: not a preset of {self.verb}; use {known}")
         return apply_overrides(presets[self.preset](), self.overrides)

@@ -54,7 +54,7 @@ def contexts(session: Session, count: int) -> Iterator[StageContext]:
         yield from (replace(context, seed=seed) for seed in seeds)
         return
     unfinished = _unfinished_seed(session)
-    first = unfinished if unfinished in seeds else session.seed
+    first = unfinished if unfinished is not None and unfinished in seeds else session.seed
     yield replace(context, seed=first)
     yield from (replace(context, seed=seed, resume=False) for seed in seeds if seed > first)
 
