@@ -146,7 +146,7 @@ def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[R
                 target=played.target[index],
                 latent=played.steering[index],
                 contacts=played.contact[index],
-                note=f"{policy.parent}: {end}",
+                note=f"{'/'.join(policy.parts[-4:-1])}: {end}",
             )
         )
     return shown

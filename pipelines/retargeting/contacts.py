@@ -50,9 +50,9 @@ def detect_contacts(
     """
     if len(paws) < 2:
         return paws[..., 2] - stance_heights(paws, rule) < rule.land_height
-    speed = np.linalg.norm(np.gradient(smooth(paws, 0.015 * fps), 1 / fps, axis=0), axis=-1)
-    travel = np.gradient(smooth(root, 0.2 * fps), 1 / fps, axis=0)
-    pace = np.linalg.norm(travel[:, :2], axis=-1)[:, None]
+    speed = np.linalg.norm(smooth(np.gradient(paws, 1 / fps, axis=0), 0.015 * fps), axis=-1)
+    travel = smooth(np.gradient(root[:, :2], 1 / fps, axis=0), 0.2 * fps)
+    pace = np.linalg.norm(travel, axis=-1)[:, None]
     height = paws[..., 2] - stance_heights(paws, rule)
     land = height < rule.land_height
     land &= speed < np.maximum(rule.land_speed, rule.land_speed_share * pace)
