@@ -1,0 +1,107 @@
+"""Policies as artifacts."""
+
+import numpy as np
+import pytest
+import torch
+
+from lacoloco.datasets.artifact import write_artifact
+from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.policies import Head, Policy, load_policies, save_policies
+from lacoloco.pipelines.stage import StageContext
+
+
+@pytest.fixture
+def make_policy():
+    def factory(role, sizes, actions):
+        networks = NetworkConfig(actor=(16, 8), critic=(4,))
+        layout = [{"name": "base_height", "slice": [0, 1], "unit": "m", "frame": "world"}]
+        actor = make_actor(sizes, actions, networks)
+        example = {name: 3.0 + 2.0 * torch.randn(200, size) for name, size in sizes.items()}
+        actor.update_normalization(example)
+        return Policy(Head(role, sizes, actions, networks, layout, "imitate"), actor.eval())
+
+    return factory
+
+
+@pytest.fixture
+def both(make_policy):
+    return [
+        make_policy("low", {"policy": 6, "latent": 3}, 4),
+        make_policy("high", {"policy": 5}, 3),
+    ]
+
+
+@pytest.fixture
+def path(tmp_path, both, solo12):
+    context = StageContext(RunStore(tmp_path), "run", seed=5, command="lacoloco train-high")
+    return save_policies(
+        tmp_path / "artifact.h5",
+        both,
+        spec=solo12,
+        context=context,
+        config={"worlds": 3},
+        parents=[],
+        metrics={"samples": 10},
+        metadata={"method": "drail"},
+    )
+
+
+def test_a_policy_acts_the_same_after_a_round_trip(path, both, solo12):
+    artifact, loaded = load_policies(path, "low", "high")
+    for policy in both:
+        groups = [torch.randn(9, size) for size in policy.head.sizes.values()]
+        again = loaded[policy.head.role]
+        assert again.head == policy.head
+        assert torch.equal(again(*groups), policy(*groups))
+        assert not again.actor.training
+    assert artifact.seed == 5
+    assert (artifact.robot, artifact.robot_hash) == (solo12.name, solo12.model_hash())
+    assert artifact.metadata["method"] == "drail"
+    assert artifact.metadata["metrics"] == {"samples": 10}
+
+
+def test_a_loaded_policy_no_longer_moves_its_statistics(path):
+    _, loaded = load_policies(path)
+    actor = loaded["high"].actor
+    before = actor.obs_normalizer.mean
+    actor.update_normalization({"policy": torch.full((50, 5), 100.0)})
+    assert torch.equal(actor.obs_normalizer.mean, before)
+
+
+def test_actions_carry_no_gradient(both):
+    assert not both[1](torch.randn(2, 5)).requires_grad
+
+
+def test_every_group_must_be_given(both):
+    with pytest.raises(ValueError, match="shorter|longer"):
+        both[0](torch.randn(2, 6))
+
+
+def test_a_role_that_is_not_there_is_named_with_those_that_are(path):
+    with pytest.raises(ArtifactError, match=r"artifact.h5: holds low, high, not the walk policy"):
+        load_policies(path, "low", "walk")
+
+
+def test_motions_are_no_policy(tmp_path):
+    motions = write_artifact(
+        tmp_path / "motions.h5",
+        "lacoloco/motions",
+        {"x": np.zeros(3)},
+        metadata={},
+        config={},
+        seed=None,
+        robot=None,
+    )
+    with pytest.raises(ArtifactError, match=r"motions.h5"):
+        load_policies(motions)
+
+
+def test_a_policy_with_a_flipped_bit_in_a_weight_is_refused(path, both):
+    data = bytearray(path.read_bytes())
+    weight = both[0].actor.mlp[0].weight.detach().numpy().tobytes()
+    data[data.index(weight)] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(ArtifactError, match=r"artifact.h5"):
+        load_policies(path)

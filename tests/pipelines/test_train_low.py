@@ -1,0 +1,146 @@
+"""Low-level training: what reaches the discriminator, and what the stage leaves."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.learn.ppo import PpoConfig
+from lacoloco.pipelines.train_low import LowTrainer, load_motions, smoke
+
+JOINTS = slice(10, 22)
+SPEEDS = slice(22, 34)
+
+
+@pytest.fixture
+def make_trainer(solo12, motions):
+    def factory(horizon=8, **changes):
+        config = replace(smoke(), ppo=PpoConfig(horizon=horizon, epochs=1, minibatches=1), **changes)
+        return LowTrainer(solo12, motions, config, seed=0, device="cpu")
+
+    return factory
+
+
+def halves(transitions):
+    return transitions[..., :34], transitions[..., 34:]
+
+
+def sign_relation(transitions):
+    """Correlation of how far the joints move in a transition with how fast they say they do."""
+    before, after = halves(transitions)
+    moved = (after - before)[..., JOINTS].flatten()
+    speed = 0.5 * (before + after)[..., SPEEDS].flatten()
+    return float(torch.corrcoef(torch.stack([moved, speed]))[0, 1])
+
+
+def test_demonstrations_and_agent_share_one_direction_of_time(make_trainer):
+    """Bug B1: in the original one runs backwards, which a discriminator can always tell."""
+    trainer = make_trainer()
+    trainer.iterate(0.0)
+    assert sign_relation(trainer.algorithm.transitions) > 0.5
+    assert sign_relation(trainer.demonstrations(2000)) > 0.5
+
+
+def test_demonstrations_are_a_control_step_apart(make_trainer):
+    """Both frames of one clip: joints move by their speed times 20 ms."""
+    before, after = halves(make_trainer().demonstrations(500))
+    moved = (after - before)[:, JOINTS]
+    expected = 0.02 * 0.5 * (before + after)[:, SPEEDS]
+    assert torch.allclose(moved, expected, rtol=0.02, atol=1e-4)
+    assert float(moved.abs().max()) > 0.01
+
+
+def test_the_transition_of_a_fall_ends_in_the_fall(make_trainer):
+    """Bug B2: the original's ends in the state after the reset, often a frame of a clip."""
+    trainer = make_trainer(horizon=2)
+    env = trainer.env
+    qpos, qvel = env.physics.qpos[[0]].clone(), torch.zeros(1, 18)
+    qpos[:, 2], qpos[:, 3:7] = 0.05, torch.tensor([0.0, 1.0, 0.0, 0.0])
+    qvel[:, 2] = -2.0
+    env.physics.reset(torch.tensor([0]), qpos, qvel)
+    env._read()
+    trainer.iterate(0.0)
+    first, second = trainer.algorithm.transitions[:2, 0]
+    assert trainer.algorithm.done[0, 0]
+    assert halves(first)[1][3] > 0.9, "on its back at the end of the fall"
+    assert halves(second)[0][3] < -0.5, "upright at the start of the next episode"
+
+
+def test_consecutive_transitions_of_an_episode_share_a_frame(make_trainer):
+    trainer = make_trainer(horizon=4)
+    trainer.env.steps.fill_(0)
+    trainer.iterate(0.0)
+    before, after = halves(trainer.algorithm.transitions)
+    going_on = ~trainer.algorithm.done[:-1]
+    assert going_on.any()
+    assert torch.equal(after[:-1][going_on], before[1:][going_on])
+
+
+def test_what_the_discriminator_sees_is_clean(make_trainer):
+    """The policy's copy of the frame carries noise, the transition's does not."""
+    trainer = make_trainer(horizon=1)
+    frame = trainer.env.frame()
+    trainer.iterate(0.0)
+    assert torch.equal(halves(trainer.algorithm.transitions[0])[0], frame)
+    seen = trainer.algorithm.storage.observations["policy"][0]
+    assert not torch.allclose(seen[:, :34], frame, atol=1e-3)
+
+
+@pytest.mark.parametrize(("progress", "expected"), [(0.0, 0.0), (0.5, 0.1), (1.0, 0.2)])
+def test_constraints_rise_with_the_progress_and_reach_the_learner(
+    make_trainer, monkeypatch, progress, expected
+):
+    trainer = make_trainer(cat_ramp=(0.0, 1.0))
+    step, violations = trainer.env.step, {"foot_force": torch.full((16, 4), 3.0)}
+    monkeypatch.setattr(trainer.env, "step", lambda a: replace(step(a), violations=violations))
+    figures = trainer.iterate(progress)
+    assert torch.allclose(trainer.algorithm.delta, torch.tensor(expected))
+    assert figures["delta"] == pytest.approx(expected)
+
+
+def test_without_constraints_nothing_is_terminated_softly(make_trainer):
+    trainer = make_trainer(cat=False)
+    assert trainer.iterate(1.0)["delta"] == 0.0
+    assert not trainer.algorithm.delta.any()
+
+
+def test_exploration_narrows_on_schedule(make_trainer):
+    trainer = make_trainer(std=(0.4, 0.1), std_until=0.5)
+    for progress, expected in ((0.0, 0.4), (0.25, 0.2), (0.5, 0.1), (0.9, 0.1)):
+        assert trainer.iterate(progress)["std"] == pytest.approx(expected, rel=1e-5)
+        std = trainer.algorithm.actor.distribution.log_std_param.exp()
+        assert torch.allclose(std, torch.tensor(expected))
+
+
+def test_a_new_episode_has_a_new_latent_and_its_last_state_the_old_one(make_trainer, monkeypatch):
+    trainer = make_trainer(horizon=1)
+    trainer.env.steps.fill_(trainer.env.task.episode_steps - 1)
+    trainer.latents.remaining.fill_(100)
+    before, seen = trainer.latents.z, {}
+    record = trainer.algorithm.record
+
+    def watched(reward, fell, timed_out, next_obs, delta):
+        seen.update(timed_out=timed_out, latent=next_obs["latent"])
+        record(reward, fell, timed_out, next_obs, delta)
+
+    monkeypatch.setattr(trainer.algorithm, "record", watched)
+    trainer.iterate(0.0)
+    assert seen["timed_out"].all()
+    assert torch.equal(seen["latent"], before)
+    assert not (trainer.latents.z == before).all(dim=-1).any()
+    assert not trainer.env.steps.any()
+
+
+def test_closing_figures_compare_with_the_clips(make_trainer):
+    trainer = make_trainer()
+    trainer.recent_falls = [5.0] * 199 + [2.0]
+    figures = trainer.closing_figures()
+    assert figures["falls_last_1pct"] == 7.0
+    assert figures["clip_speed"] == pytest.approx(0.4, abs=0.01)
+    assert figures["diverged_worlds"] == 0.0
+
+
+def test_motions_are_needed():
+    with pytest.raises(StageError, match="--motions"):
+        load_motions([])
