@@ -34,7 +34,7 @@ class ExpertConfig:
     """
 
     worlds: int = 512
-    samples: int = 3_000_000
+    samples: int = 2_500_000
     reward_scale: float = 3.0
     ramp: tuple[float, float] = (0.05, 0.6)
     std: tuple[float, float] = (0.5, 0.15)

@@ -134,34 +134,43 @@ def record(
     """
     steps, lead = round(config.seconds / CONTROL_DT), round(config.lead_in / CONTROL_DT)
     base = TASKS[task_name](spec)
-    task = replace(base, noise=0.0, randomisation=NO_RANDOMISATION, episode_s=2 * (config.seconds + config.lead_in))
+    task = replace(
+        base,
+        noise=0.0,
+        randomisation=NO_RANDOMISATION,
+        reset=replace(base.reset, joint_scale=(0.9, 1.1)),
+        episode_s=2 * (config.seconds + config.lead_in),
+    )
     env = LeggedEnv(spec, task, count + max(8, count // 4), seed=context.seed, device=context.device)
     clean = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
-    rows, errors = [], []
+    rows, errors, settled = [], [], []
     for step in range(lead + steps):
+        command = env.command.clone()
         outcome = env.step(policy(env.observe()))
         clean &= ~outcome.fell
         if step >= lead:
             rows.append((env.physics.qpos, env.state))
-            errors.append(_tracking_error(env))
+            errors.append(_tracking_error(env, command))
+            settled.append(errors[-1][(env.command != command).any(dim=-1)])
     kept = torch.nonzero(clean).flatten()
     skill = SKILLS[task_name]
     if len(kept) < count:
         raise StageError(f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} recordings; train it longer")
-    error = torch.stack(errors)
+    settled = torch.cat(settled)
     figures = {
-        f"{skill}_error_mean": float(error.mean()),
+        f"{skill}_error_mean": float(torch.stack(errors).mean()),
+        # At the last moment of each command; the mean above includes the way there.
+        f"{skill}_error_settled": float(settled.mean()) if len(settled) else None,
         f"{skill}_falls": float((~clean).sum()),
         f"{skill}_worlds": float(env.num_worlds),
     }
     return [_clip(spec, skill, index, rows, int(world)) for index, world in enumerate(kept[:count])], figures
 
 
-def _tracking_error(env: LeggedEnv) -> torch.Tensor:
-    """(N,) planar velocity error [m/s] of a walking task, end-effector error [m] of a reaching one."""
-    if env.task.name == "walk":
-        return torch.linalg.vector_norm(env.state.lin_vel_b[:, :2] - env.command[:, :2], dim=-1)
-    return env.target_error()
+def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
+    """(N,) planar velocity error [m/s] of a walking task, end-effector error [m] of a reaching one, for ``command`` (N, 3)."""
+    reached = env.state.lin_vel_b[:, :2] if env.task.name == "walk" else env.end_effector()
+    return torch.linalg.vector_norm(reached - command[:, : reached.shape[1]], dim=-1)
 
 
 def _clip(spec: RobotSpec, skill: str, index: int, rows: list, world: int) -> Clip:

@@ -204,7 +204,7 @@ class LowTrainer:
     def closing_figures(self) -> dict[str, float]:
         """Falls in the last hundredth of the samples and the clips' mean planar speed [m/s], to compare with ``speed``."""
         last = max(1, len(self.recent_falls) // 100)
-        frames = self.demonstrations(16384)[:, : self.algorithm.normalizer.mean.shape[0]]
+        frames = self.demonstrations(16384)[:, : self.algorithm.transitions.shape[-1] // 2]
         return {
             "falls_last_1pct": sum(self.recent_falls[-last:]),
             "clip_speed": float(frames[:, 4:6].norm(dim=-1).mean()),

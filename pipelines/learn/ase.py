@@ -71,9 +71,8 @@ class Ase(Ppo):
         """Build everything; ``demonstrations(n)`` returns clean transitions (n, 2F), oldest frame first."""
         super().__init__(sizes, actions, num_worlds, ppo, networks, device)
         self.ase, self.demonstrations = ase, demonstrations
-        sample = demonstrations(16384)
-        dim = sample.shape[-1]
-        self.normalizer = TransitionNormalizer.fit(sample).to(device)
+        dim = demonstrations(1).shape[-1]
+        self.normalizer = TransitionNormalizer(dim // 2).to(device)
         network = {"gan": lambda: GanDiscriminator(dim, ase.gan), "drail": lambda: DrailDiscriminator(dim, ase.drail)}
         self.discriminator = network[ase.discriminator]().to(device)
         self.encoder = SkillEncoder(dim, sizes[LATENT], ase.encoder_hidden).to(device)
@@ -91,6 +90,8 @@ class Ase(Ppo):
 
     def compute_returns(self, obs: TensorDict) -> None:
         """Add the style rewards of the whole rollout in one batch, then compute returns."""
+        rollout = self.transitions.flatten(0, 1)
+        self.normalizer.update(rollout, self.demonstrations(len(rollout)))
         self.figures = self._reward_rollout()
         super().compute_returns(obs)
 
@@ -154,16 +155,18 @@ class Ase(Ppo):
     def _update_style(self) -> dict[str, float]:
         ase, totals = self.ase, {}
         valid = torch.nonzero(self.valid.flatten()).flatten()
-        agent = self.normalizer(self.transitions.flatten(0, 1)[valid])
+        # The memory keeps raw transitions: the statistics move on.
+        raw = self.transitions.flatten(0, 1)[valid]
+        agent = self.normalizer(raw)
         z = self.storage.observations[LATENT].flatten(0, 1)[valid]
         kept = torch.randperm(len(agent), generator=self.draw)[: int(ase.replay_share * len(agent))]
-        self.replay.add(agent[kept])
+        self.replay.add(raw[kept])
         order = torch.randperm(len(agent), generator=self.draw)
         for index in range(ase.updates):
             # Every minibatch draws from all worlds and all steps (facts 9.2, B10).
             rows = order[torch.arange(index * ase.batch, (index + 1) * ase.batch) % len(order)]
             half = rows[: ase.batch // 2]
-            policy = torch.cat((agent[half], self.replay.sample(ase.batch - len(half))))
+            policy = torch.cat((agent[half], self.normalizer(self.replay.sample(ase.batch - len(half)))))
             demo = self.normalizer(self.demonstrations(ase.batch))
             loss, figures = self.discriminator.loss(policy, demo, self.draw)
             _descend(self.discriminator_optimizer, loss)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import torch
+from rsl_rl.modules import EmpiricalNormalization
 from torch import nn
 
 CLIP = 5.0
@@ -43,25 +44,25 @@ def classification(agent: torch.Tensor, demo: torch.Tensor) -> tuple[torch.Tenso
 
 
 class TransitionNormalizer(nn.Module):
-    """Per-feature statistics of one frame, applied to both frames of a transition.
+    """Running per-feature statistics of single frames, applied to both frames of a transition.
 
-    One set of statistics for both frames keeps their difference meaningful, and statistics of the demonstrations, fixed
-    from the start, keep the discriminator's input from drifting under it (the original re-estimates them all the time).
+    One set of statistics for both frames keeps their difference meaningful (the original keeps two, facts 3). They are
+    taken from demonstrations and policy in equal parts: scaled by the demonstrations alone, the small features in which
+    an untrained policy differs (height, tilt) become many standard deviations and the discriminator saturates.
     """
 
-    def __init__(self, mean: torch.Tensor, std: torch.Tensor) -> None:
-        """Take the mean and standard deviation (F,) of the demonstrations' frames."""
+    def __init__(self, frame_dim: int) -> None:
+        """Start with no statistics for frames of ``frame_dim`` = F features."""
         super().__init__()
-        self.register_buffer("mean", mean)
-        self.register_buffer("std", std.clamp_min(1e-3))
+        self.statistics = EmpiricalNormalization(frame_dim)
 
-    @classmethod
-    def fit(cls, transitions: torch.Tensor) -> TransitionNormalizer:
-        """Estimate from demonstration transitions (n, 2F)."""
-        frames = transitions.view(-1, transitions.shape[-1] // 2)
-        return cls(frames.mean(dim=0), frames.std(dim=0))
+    def update(self, agent: torch.Tensor, demo: torch.Tensor) -> None:
+        """Take in raw transitions (n, 2F) of both kinds."""
+        count = min(len(agent), len(demo))
+        both = torch.cat((agent[:count], demo[:count]))
+        self.statistics.update(both.view(2 * len(both), -1))
 
     def forward(self, transition: torch.Tensor) -> torch.Tensor:
         """(n, 2F) -> normalised and clipped."""
-        frames = transition.view(-1, 2, self.mean.shape[0])
-        return ((frames - self.mean) / self.std).clamp(-CLIP, CLIP).view(transition.shape)
+        frames = transition.view(-1, 2, transition.shape[-1] // 2)
+        return self.statistics(frames).clamp(-CLIP, CLIP).view(transition.shape)
