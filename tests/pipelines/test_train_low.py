@@ -16,7 +16,9 @@ SPEEDS = slice(22, 34)
 @pytest.fixture
 def make_trainer(solo12, motions):
     def factory(horizon=8, **changes):
-        config = replace(smoke(), ppo=PpoConfig(horizon=horizon, epochs=1, minibatches=1), **changes)
+        config = replace(
+            smoke(), ppo=PpoConfig(horizon=horizon, epochs=1, minibatches=1), **changes
+        )
         return LowTrainer(solo12, motions, config, seed=0, device="cpu")
 
     return factory
@@ -47,7 +49,7 @@ def test_demonstrations_are_a_control_step_apart(make_trainer):
     before, after = halves(make_trainer().demonstrations(500))
     moved = (after - before)[:, JOINTS]
     expected = 0.02 * 0.5 * (before + after)[:, SPEEDS]
-    assert torch.allclose(moved, expected, rtol=0.02, atol=1e-4)
+    assert torch.allclose(moved, expected, atol=1e-3)
     assert float(moved.abs().max()) > 0.01
 
 

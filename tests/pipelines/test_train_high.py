@@ -1,0 +1,104 @@
+"""High-level training over a frozen low level."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.learn.ppo import PpoConfig
+from lacoloco.pipelines.policies import Head, Policy
+from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
+from lacoloco.pipelines.train_high import HighTrainer, smoke
+
+
+@pytest.fixture
+def low():
+    """An untrained low level of Solo12, as it comes from a file."""
+    torch.manual_seed(0)
+    sizes, networks = {"policy": 46, "latent": 7}, NetworkConfig(actor=(16,))
+    actor = make_actor(sizes, 12, networks).eval()
+    return Policy(Head("low", sizes, 12, networks, [], "imitate"), actor)
+
+
+@pytest.fixture
+def make_trainer(solo12, low):
+    def factory(horizon=3, **changes):
+        config = replace(
+            smoke(), ppo=PpoConfig(horizon=horizon, epochs=1, minibatches=1), **changes
+        )
+        return HighTrainer(solo12, low, config, seed=0, device="cpu")
+
+    return factory
+
+
+def test_the_low_level_stays_as_it_is(make_trainer, low):
+    before = {name: value.clone() for name, value in low.actor.state_dict().items()}
+    trainer = make_trainer()
+    high = [parameter.clone() for parameter in trainer.algorithm.actor.parameters()]
+    trainer.iterate(0.0)
+    for name, value in low.actor.state_dict().items():
+        assert torch.equal(value, before[name]), name
+    assert any(
+        not torch.equal(old, new)
+        for old, new in zip(high, trainer.algorithm.actor.parameters(), strict=True)
+    )
+
+
+def test_the_low_level_is_steered_by_unit_latents_and_acts_on_its_mean(make_trainer, low):
+    trainer, seen = make_trainer(), []
+    trainer.env.low = lambda obs, z: (seen.append((obs, z)), low(obs, z))[1]
+    trainer.iterate(0.0)
+    assert len(seen) == 3 * HOLD_STEPS
+    for decision in range(3):
+        latents = [z for _, z in seen[decision * HOLD_STEPS : (decision + 1) * HOLD_STEPS]]
+        assert all(torch.equal(z, latents[0]) for z in latents)
+        assert torch.allclose(latents[0].norm(dim=-1), torch.ones(16), atol=1e-5)
+    obs, z = seen[0]
+    assert torch.equal(low(obs, z), low(obs, z)), "no sampling"
+    assert not torch.equal(seen[0][1], seen[HOLD_STEPS][1])
+
+
+def test_what_is_observed_is_the_latent_of_the_decision_before(make_trainer):
+    """Bug B8: the original shows the last latent of the previous rollout instead."""
+    trainer = make_trainer(horizon=4)
+    for _ in range(2):
+        trainer.iterate(0.0)
+        observed = trainer.algorithm.storage.observations["policy"][..., -7:]
+        acted = torch.nn.functional.normalize(trainer.algorithm.storage.actions, dim=-1)
+        alive = ~trainer.algorithm.done[:-1]
+        assert torch.allclose(observed[1:][alive], acted[:-1][alive], atol=1e-6)
+    assert float(observed[0].norm(dim=-1).max()) > 0.99, "also across rollouts"
+
+
+def test_rewards_are_means_over_the_five_steps_times_the_scale(make_trainer, monkeypatch):
+    trainer = make_trainer(horizon=2, reward_scale=7.0)
+    step, paid = trainer.env.env.step, []
+
+    def counted(action):
+        outcome = step(action)
+        paid.append(outcome.reward)
+        return outcome
+
+    monkeypatch.setattr(trainer.env.env, "step", counted)
+    trainer.iterate(0.0)
+    first = 7.0 * torch.stack(paid[:HOLD_STEPS]).mean(0)
+    alive = ~trainer.algorithm.done[0]
+    found = trainer.algorithm.storage.rewards[0, :, 0]
+    assert torch.allclose(found[alive], first[alive], atol=1e-6)
+
+
+def test_time_outs_fall_on_the_end_of_a_decision(make_trainer):
+    """An episode has 500 steps and starts anywhere, but always between two decisions."""
+    trainer = make_trainer()
+    assert not (trainer.env.env.steps % HOLD_STEPS).any()
+    assert len(trainer.env.env.steps.unique()) > 5
+    assert trainer.env.env.task.episode_steps % HOLD_STEPS == 0
+
+
+def test_samples_are_control_steps(make_trainer):
+    trainer = make_trainer(horizon=3)
+    assert trainer.samples_per_iteration == 16 * 3 * HOLD_STEPS
+    assert replace(trainer.config, decisions=16 * 3 * 10).decisions // (16 * 3) == 10
+    trainer.config = replace(trainer.config, decisions=16 * 3 * 10)
+    assert trainer.iterations == 10
