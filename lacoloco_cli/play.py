@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -98,17 +99,20 @@ def copy_page(page: Path, file: Path) -> None:
 
 def show(page: Path) -> None:
     """Show a page in the browser until Ctrl-C; where there is no screen, say where it is."""
-    import threading
     import webbrowser
 
     from lacoloco.pipelines.viewing.server import served
 
-    with served(page.read_bytes()) as address:
+    with suppress(KeyboardInterrupt), served(page.read_bytes()) as address:
         note(f"{address}  (Ctrl-C ends)")
         screen = sys.platform in ("darwin", "win32")
         if screen or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
             webbrowser.open(address)
-        try:
-            threading.Event().wait()
-        except KeyboardInterrupt:
-            note("")
+        forever()
+
+
+def forever() -> None:
+    """Wait for Ctrl-C."""
+    import threading
+
+    threading.Event().wait()

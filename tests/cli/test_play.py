@@ -1,0 +1,93 @@
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from lacoloco.datasets.clip import save_clips
+from lacoloco.datasets.store import RunStore
+from lacoloco.robots.registry import load_robot
+from lacoloco_cli import play
+from lacoloco_cli.main import app
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["play", *map(str, arguments), "--quiet"])
+
+
+@pytest.fixture
+def motions(make_clip):
+    """A run `seen`, the last one used, with motions."""
+    from dataclasses import replace
+
+    spec = load_robot("solo12")
+    store = RunStore()
+    directory = store.begin("seen", "retarget")
+    clip = replace(make_clip(joints=12), joint_names=spec.joint_names)
+    robot = (spec.name, spec.model_hash())
+    save_clips(directory.file("artifact.h5"), [clip], robot=robot, config={})
+    store.use("seen")
+    return directory.complete()
+
+
+def test_the_motions_of_the_run_become_a_page(motions, tmp_path):
+    page = tmp_path / "page.html"
+    result = invoke("--html", page, "--json")
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(result.stdout)
+    assert answer["html"] == str(page)
+    assert answer["recordings"] == ["circle"]
+    assert "circle" in page.read_text()
+
+
+def test_a_playback_is_played_again(motions, tmp_path):
+    first = json.loads(invoke("--html", tmp_path / "a.html", "--json").stdout)
+    again = invoke(first["artifact"], "--html", tmp_path / "b.html", "--json")
+    assert json.loads(again.stdout)["recordings"] == ["circle"]
+
+
+def test_with_json_no_browser_is_waited_for(motions):
+    answer = json.loads(invoke("--json").stdout)
+    assert answer["html"].endswith("playback.html")
+
+
+def interrupted():
+    raise KeyboardInterrupt
+
+
+def test_without_a_screen_the_address_is_printed(motions, monkeypatch):
+    monkeypatch.setattr(play, "forever", interrupted)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    result = invoke()
+    assert result.exit_code == 0, result.stderr
+    assert "http://127.0.0.1:" in result.stderr
+
+
+def test_a_run_with_nothing_to_play_says_how_to_get_something(tmp_path):
+    result = invoke("--html", tmp_path / "page.html")
+    assert result.exit_code == 2
+    assert "lacoloco retarget" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["--clip", "squar"], "circle"),
+        (["gone.h5"], "gone.h5"),
+        (["--html", "/gone/page.html"], "/gone/page.html"),
+    ],
+)
+def test_mistakes_on_the_command_line(motions, tmp_path, arguments, hint):
+    html = [] if "--html" in arguments else ["--html", tmp_path / "page.html"]
+    result = invoke(*arguments, *html)
+    assert result.exit_code == 2
+    assert hint in result.stderr
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_damaged_artifact_is_refused(motions, tmp_path):
+    damaged = tmp_path / "half.h5"
+    damaged.write_bytes(motions.read_bytes()[:1000])
+    result = invoke(damaged, "--html", tmp_path / "page.html")
+    assert result.exit_code == 2
+    assert "half.h5" in result.stderr

@@ -1,0 +1,119 @@
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from lacoloco.datasets.samples import DOG_BVH
+from lacoloco_cli.main import app
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["retarget", *map(str, arguments)])
+
+
+@pytest.fixture
+def dog(tmp_path):
+    """A second of the bundled dog."""
+    lines = DOG_BVH.read_text().splitlines()
+    motion = lines.index("MOTION")
+    path = tmp_path / "dog.bvh"
+    rows = lines[motion + 3 :][:60]
+    path.write_text("\n".join([*lines[: motion + 1], "Frames: 60", lines[motion + 2], *rows, ""]))
+    return path
+
+
+def test_json_gives_figures_per_clip_and_the_rate(dog):
+    result = invoke(dog, "--json", "--quiet")
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(result.stdout)
+    (clip,) = answer["clips"]
+    assert {
+        "frames",
+        "keypoint_error_mean_m",
+        "keypoint_error_max_m",
+        "foot_skate_mean_m_s",
+        "ground_penetration_max_m",
+        "joint_limit_hits",
+        "solver_failures",
+    } <= set(clip)
+    assert answer["frames_per_second"] > 0
+    assert answer["artifact"].endswith("artifact.h5")
+
+
+def test_a_table_is_shown_to_people(dog):
+    result = invoke(dog, "--quiet")
+    assert result.exit_code == 0, result.stderr
+    assert "skate m/s" in result.stdout
+    assert "dog" in result.stdout
+
+
+def test_options_reach_the_config(dog):
+    from lacoloco.datasets.artifact import read_header
+
+    result = invoke(dog, "--scale", "0.6", "--licence", "CC0", "--json", "--quiet")
+    answer = json.loads(result.stdout)
+    assert answer["clips"][0]["scale"] == 0.6
+    header = read_header(answer["artifact"])
+    assert header.config["licence"] == "CC0"
+    assert header.metadata["clips"][0]["licence"] == "CC0"
+
+
+def test_one_bad_file_among_good_ones_is_exit_code_1(dog, tmp_path):
+    (tmp_path / "empty.bvh").touch()
+    result = invoke(tmp_path, "--json", "--quiet")
+    assert result.exit_code == 1
+    answer = json.loads(result.stdout)
+    assert [clip["name"] for clip in answer["clips"]] == ["dog"]
+    assert answer["skipped"][0]["file"].endswith("empty.bvh")
+
+
+DAMAGES = {
+    "empty": lambda text: "",
+    "truncated": lambda text: text[: len(text) * 2 // 3],
+    "not a number": lambda text: (
+        text.replace("0 0 0", "nan 0 0") if "0 0 0" in text else text.rsplit(" ", 1)[0] + " nan\n"
+    ),
+    "missing joint": lambda text: text.replace("LeftUpLeg", "Thigh"),
+    "no frames": lambda text: (
+        text[: text.index("MOTION")] + "MOTION\nFrames: 0\nFrame Time: 0.01\n"
+    ),
+    "picture": lambda text: "\x89PNG\r\n\x1a\n",
+    "no motion": lambda text: text[: text.index("MOTION")],
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_bad_file_is_one_line_and_exit_code_2(dog, damage):
+    dog.write_text(DAMAGES[damage](dog.read_text()))
+    result = invoke(dog, "--quiet")
+    assert result.exit_code == 2, result.stdout
+    (line,) = result.stderr.strip().splitlines()
+    assert "dog" in line
+    assert "Traceback" not in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["gone.bvh"], "gone.bvh"),
+        (["no-*.bvh"], "matches no file"),
+        (["--robot", "solo13"], "solo12"),
+        (["--robot", "h1"], "keypoints"),
+        (["--preset", "huge"], "laptop"),
+        (["--set", "scal=1"], "scale"),
+        (["--scale", "huge"], "auto"),
+        (["--up-axis", "x"], "up_axis"),
+        (["--unit", "-1"], "scale"),
+    ],
+)
+def test_mistakes_on_the_command_line(arguments, hint):
+    result = invoke(*arguments, "--quiet")
+    assert result.exit_code == 2
+    assert hint in result.stderr
+
+
+def test_a_read_only_runs_folder(dog, read_only_folder, monkeypatch):
+    monkeypatch.setenv("LACOLOCO_RUNS", str(read_only_folder / "runs"))
+    result = invoke(dog, "--quiet")
+    assert result.exit_code == 2
+    assert str(read_only_folder) in result.stderr

@@ -1,0 +1,186 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lacoloco.datasets.artifact import read_artifact
+from lacoloco.datasets.clip import load_clips
+from lacoloco.datasets.errors import DatasetError
+from lacoloco.datasets.mocap import load_bvh
+from lacoloco.datasets.samples import DOG_BVH
+from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines import retarget
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.retarget import RetargetConfig, ground_lift, parse_scale
+from lacoloco.pipelines.stage import StageContext
+from lacoloco.robots.registry import load_robot
+
+FIGURES = {
+    "frames",
+    "keypoint_error_mean_m",
+    "keypoint_error_max_m",
+    "foot_skate_mean_m_s",
+    "ground_penetration_max_m",
+    "joint_limit_hits",
+    "solver_failures",
+}
+
+
+@pytest.fixture
+def context(tmp_path):
+    return StageContext(RunStore(tmp_path / "runs"), "dog", command="lacoloco retarget")
+
+
+@pytest.fixture
+def short_dog(tmp_path):
+    """Factory of files with some frames of the bundled dog."""
+    lines = DOG_BVH.read_text().splitlines()
+    motion = lines.index("MOTION")
+
+    def write(frames=slice(0, 60), name="short.bvh"):
+        rows = lines[motion + 3 :][frames]
+        text = [*lines[: motion + 1], f"Frames:\t{len(rows)}", lines[motion + 2], *rows]
+        path = tmp_path / name
+        path.write_text("\n".join(text) + "\n")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(("scale", "worst_error"), [("auto", 0.02), ("none", 0.06)])
+def test_the_bundled_dog_becomes_a_clip(context, scale, worst_error):
+    result = retarget.run(RetargetConfig(scale=scale), context)
+    (figures,) = result.metrics["clips"]
+    assert set(figures) >= FIGURES
+    assert figures["frames"] == 721
+    assert figures["solver_failures"] == 0
+    assert figures["keypoint_error_mean_m"] < worst_error
+    assert figures["ground_penetration_max_m"] == 0.0
+    assert result.metrics["frames_per_second"] > 0
+
+    (clip,) = load_clips(result.artifact, robot="solo12")
+    assert clip.joint_names == load_robot("solo12").joint_names
+    assert (clip.skill, clip.licence, clip.source) == ("dog", "BSD-3-Clause", DOG_BVH.name)
+    assert clip.contacts.shape == (721, 4)
+    artifact = read_artifact(result.artifact)
+    assert [Path(parent.path).name for parent in artifact.parents] == [DOG_BVH.name]
+    assert artifact.config["scale"] == scale
+
+
+def test_the_robot_goes_where_the_dog_goes_at_its_own_size(context):
+    result = retarget.run(RetargetConfig(), context)
+    (clip,) = load_clips(result.artifact)
+    scale = result.metrics["clips"][0]["scale"]
+    hips = load_bvh(DOG_BVH).keypoints(["Hips"])[:, 0]
+    travelled = np.linalg.norm(np.diff(hips[::60, :2], axis=0), axis=1).sum()
+    walked = np.linalg.norm(np.diff(clip.root_pos[::60, :2], axis=0), axis=1).sum()
+    assert walked == pytest.approx(scale * travelled, rel=0.03)
+    # forward in its own frame, level, at a height its legs can bend at
+    assert clip.root_lin_vel_b[:, 0].mean() > 0.3
+    assert abs(clip.root_lin_vel_b[:, 1].mean()) < 0.05
+    assert 0.22 < clip.root_pos[:, 2].mean() < 0.31
+
+
+def test_knees_bend_as_in_the_neutral_pose(context):
+    (clip,) = load_clips(retarget.run(RetargetConfig(), context).artifact)
+    knees = clip.joint_pos[:, 2::3]
+    assert (knees < -0.1).mean() > 0.99
+
+
+def test_velocities_belong_to_the_poses(context):
+    (clip,) = load_clips(retarget.run(RetargetConfig(), context).artifact)
+    step = np.diff(clip.joint_pos, axis=0) * clip.fps
+    between = (clip.joint_vel[1:] + clip.joint_vel[:-1]) / 2
+    assert np.corrcoef(step.ravel(), between.ravel())[0, 1] > 0.99
+
+
+def test_an_animal_that_turns_right_makes_a_robot_that_turns_right(context):
+    (clip,) = load_clips(retarget.run(RetargetConfig(), context).artifact)
+    points = load_bvh(DOG_BVH).keypoints(["Hips", "Neck"])
+    forward = points[:, 1] - points[:, 0]
+    course = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
+    assert abs(course[-1] - course[0]) > 0.5
+    turned = clip.root_ang_vel_b[:, 2].sum() / clip.fps
+    assert turned == pytest.approx(course[-1] - course[0], abs=0.3)
+
+
+def test_a_leap_stays_a_leap_and_the_base_does_not_jump():
+    fps, time = 60.0, np.arange(240) / 60
+    flight = np.where((time > 1.8) & (time < 2.2), 0.15 * np.sin((time - 1.8) / 0.4 * np.pi), 0.0)
+    heights = 0.1 + flight[:, None] + np.zeros((1, 4))
+    lift = ground_lift(heights, 0.02, fps)[:, 2]
+    grounded = heights + lift[:, None]
+    assert grounded.min() == pytest.approx(0.02, abs=1e-9)
+    assert grounded[126].min() == pytest.approx(0.02 + flight[126], abs=1e-3)
+    assert np.abs(np.diff(lift)).max() < 1e-3
+
+
+def test_no_foot_is_ever_below_the_ground():
+    heights = np.random.default_rng(0).normal(size=(200, 4)).cumsum(0)
+    assert (heights + ground_lift(heights, 0.02, 60.0)[:, 2:]).min() >= 0.02 - 1e-9
+
+
+def test_one_bad_file_is_reported_and_the_rest_is_kept(context, short_dog, tmp_path):
+    bad = tmp_path / "bad.bvh"
+    bad.write_text("HIERARCHY\nnonsense")
+    result = retarget.run(
+        RetargetConfig(), context, sources=[bad, short_dog(), short_dog(slice(100, 160), "b.bvh")]
+    )
+    assert [clip.name for clip in load_clips(result.artifact)] == ["short", "b"]
+    (skipped,) = result.metrics["skipped"]
+    assert skipped["file"] == str(bad)
+    assert str(bad) in skipped["error"]
+
+
+def test_the_only_file_being_bad_is_an_error_and_leaves_nothing(context, tmp_path):
+    bad = tmp_path / "bad.bvh"
+    bad.write_bytes(b"\x89PNG\r\n")
+    with pytest.raises(DatasetError, match=r"bad\.bvh"):
+        retarget.run(RetargetConfig(), context, sources=[bad])
+    assert not context.store.all("dog", "retarget")
+    assert not context.store.partials("dog", "retarget")
+
+
+def test_all_of_several_files_being_bad_is_an_error(context, tmp_path):
+    with pytest.raises(StageError, match=r"none of 2 files.*a\.bvh"):
+        retarget.run(RetargetConfig(), context, sources=[tmp_path / "a.bvh", tmp_path / "b.bvh"])
+
+
+def test_a_single_frame_is_no_motion(context, short_dog):
+    with pytest.raises(DatasetError, match="one frame"):
+        retarget.run(RetargetConfig(), context, sources=[short_dog(slice(0, 1))])
+
+
+def test_a_missing_joint_is_named(context, short_dog):
+    path = short_dog()
+    path.write_text(path.read_text().replace("LeftForeArm", "Elbow").replace("RightHand", "Paw"))
+    with pytest.raises(DatasetError, match="RightHand"):
+        retarget.run(RetargetConfig(), context, sources=[path])
+
+
+@pytest.mark.parametrize(("text", "value"), [("none", None), ("auto", "auto"), ("0.7", 0.7)])
+def test_scales_that_are_understood(text, value):
+    assert parse_scale(text) == value
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "inf", "nan", "big"])
+def test_scales_that_are_not(text):
+    with pytest.raises(StageError, match="scale"):
+        parse_scale(text)
+
+
+def test_the_clip_of_the_original_has_no_failure(shared, context):
+    path = shared / "data/mocap/bvh/D1_031_KAN01_001.bvh"
+    result = retarget.run(retarget.paper(), context, sources=[path])
+    (figures,) = result.metrics["clips"]
+    assert (figures["frames"], figures["solver_failures"]) == (1263, 0)
+    assert figures["scale"] == 1.0
+    assert figures["keypoint_error_mean_m"] < 0.06
+
+
+def test_thirty_frames_per_second_in_another_channel_order(shared, context):
+    path = shared / "data/mocap/bvh/Dog_example_zyx_30fps.bvh"
+    result = retarget.run(RetargetConfig(), context, sources=[path])
+    (clip,) = load_clips(result.artifact)
+    assert clip.fps == pytest.approx(30.0, rel=1e-3)
+    assert result.metrics["clips"][0]["solver_failures"] == 0
