@@ -1,0 +1,87 @@
+"""Table I: rows, summary, and the best seed chosen on other episodes than those reported."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lacoloco.datasets.artifact import read_artifact
+from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines import evaluate
+from lacoloco.pipelines.episodes import Episodes
+from lacoloco.pipelines.stage import StageContext
+
+ERRORS = {  # (seed of the policy, seed of the episodes) -> error
+    (0, evaluate.TEST_SEED): 0.10,
+    (1, evaluate.TEST_SEED): 0.30,
+    (0, evaluate.SELECTION_SEED): 0.25,
+    (1, evaluate.SELECTION_SEED): 0.15,
+}
+
+
+@pytest.fixture
+def context(tmp_path):
+    return StageContext(RunStore(tmp_path / "runs"), "run")
+
+
+@pytest.fixture
+def two_seeds(monkeypatch, tmp_path):
+    """Two policies whose errors are made up."""
+    played = []
+
+    def load(path, *roles, device):
+        artifact = SimpleNamespace(
+            robot="solo12", seed=int(path.stem), metadata={"method": "drail-cat"}
+        )
+        return artifact, {"seed": int(path.stem)}
+
+    def play(spec, policies, episodes, *, seed, **options):
+        played.append((policies["seed"], seed, episodes))
+        error = ERRORS[policies["seed"], seed]
+        return Episodes(
+            np.full(episodes, error),
+            np.zeros(episodes, dtype=bool),
+            np.zeros((episodes, 4)),
+            np.full(episodes, 2000.0),
+        )
+
+    monkeypatch.setattr(evaluate, "load_policies", load)
+    monkeypatch.setattr(evaluate, "play_episodes", play)
+    paths = [tmp_path / f"{seed}.h5" for seed in (0, 1)]
+    for path in paths:
+        path.write_text("a policy")
+    return paths, played
+
+
+def test_the_best_seed_is_chosen_on_other_episodes_than_are_reported(context, two_seeds):
+    paths, played = two_seeds
+    config = evaluate.EvalConfig(episodes=12, selection_episodes=6, worlds=4)
+    result = evaluate.run(config, context, policies=paths)
+    assert [row["ee_error_mean_m"] for row in result.metrics["rows"]] == pytest.approx([0.1, 0.3])
+    assert result.metrics["best"]["seed"] == 1, "although seed 0 happens to do better in the report"
+    assert result.metrics["best"]["ee_error_mean_m"] == pytest.approx(0.3)
+    assert (0, evaluate.TEST_SEED, 12) in played
+    assert (0, evaluate.SELECTION_SEED, 6) in played
+
+
+def test_mean_and_spread_stand_beside_the_best(context, two_seeds):
+    result = evaluate.run(evaluate.EvalConfig(4, 2, 4), context, policies=two_seeds[0])
+    summary = result.metrics["summary"]["drail-cat"]
+    assert summary["seeds"] == 2
+    assert summary["ee_error_mean_m_mean"] == pytest.approx(0.2)
+    assert summary["ee_error_mean_m_spread"] == pytest.approx(0.1)
+
+
+def test_the_artifact_holds_every_episode_and_its_policies(context, two_seeds):
+    result = evaluate.run(evaluate.EvalConfig(5, 2, 4), context, policies=two_seeds[0])
+    artifact = read_artifact(result.artifact, "lacoloco/evaluation", robot="solo12")
+    assert artifact.arrays["1/error"].tolist() == pytest.approx([0.3] * 5)
+    assert artifact.metadata["rows"] == result.metrics["rows"]
+    assert len(artifact.parents) == 2
+
+
+def test_methods_are_summed_up_apart():
+    figures = dict.fromkeys(evaluate.FIGURES, 1.0)
+    rows = [{"method": "gan", **figures}, {"method": "drail", **figures}, {"method": "gan", **figures}]
+    summary = evaluate.summary(rows)
+    assert {name: entry["seeds"] for name, entry in summary.items()} == {"gan": 2, "drail": 1}
