@@ -19,7 +19,7 @@ from lacoloco.robots.registry import load_robot
 
 @dataclass(frozen=True)
 class ReachRecording:
-    """T control steps of each of E episodes, laid out episode by episode: E x T rows.
+    """T control steps of each of E episodes.
 
     Attributes:
         qpos: (E, T, 7 + J) root position [m], quaternion wxyz, joints [rad].
@@ -27,8 +27,8 @@ class ReachRecording:
         end_effector: (E, T, 3) world [m].
         contact: (E, T, F) bool, feet on the ground.
         steering: (E, T, d) unit latent in force.
-        low_obs: (E T, P) low-level observations, with ``latent`` (E T, d) what the low level was fed.
-        high_obs: (E T / 5, H) high-level observations.
+        low_obs: (T E, P) low-level observations, step by step, with ``latent`` (T E, d) the latents beside them.
+        high_obs: (T E / 5, H) high-level observations, decision by decision.
         fell: (E,) bool.
     """
 

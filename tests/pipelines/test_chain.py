@@ -1,0 +1,321 @@
+"""The stages one after the other, in their smallest size and in this process."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+
+from lacoloco.datasets.artifact import read_artifact
+from lacoloco.datasets.clip import load_clips
+from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines import evaluate, export, generate, rollout, train_high, train_low
+from lacoloco.pipelines.coverage import skill_coverage
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.learn.latents import project
+from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.hierarchy import LatentSteeredEnv
+from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, reach_task
+from lacoloco.pipelines.stage import StageContext
+from lacoloco.robots.registry import load_robot
+
+
+def context_in(folder, **options):
+    return StageContext(RunStore(folder), "chain", **options)
+
+
+def walk_the_chain(folder, robot):
+    """Run every stage on the smoke preset."""
+    context = context_in(folder, seed=1)
+    made = generate.run(generate.smoke(), context, robot=robot)
+    low = train_low.run(train_low.smoke(), context, motions=[made.artifact])
+    high = train_high.run(train_high.smoke(), context, low=low.artifact)
+    return SimpleNamespace(context=context, made=made, low=low, high=high, robot=robot)
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory):
+    return walk_the_chain(tmp_path_factory.mktemp("runs"), "solo12")
+
+
+@pytest.fixture(scope="module")
+def exported(chain):
+    return export.run(export.PRESETS["smoke"](), chain.context, policy=chain.high.artifact)
+
+
+def test_clips_are_clean_and_as_many_as_asked_for(chain):
+    """Bug B14: no resets, no jumps, no pushes in what is imitated."""
+    clips = load_clips(chain.made.artifact)
+    assert [clip.skill for clip in clips] == ["walk"] * 3 + ["reach"] * 2
+    for clip in clips:
+        assert clip.frames == 10
+        assert clip.fps == 50.0
+        clip.validate()
+        moved = np.diff(clip.joint_pos, axis=0) * clip.fps
+        said = 0.5 * (clip.joint_vel[1:] + clip.joint_vel[:-1])
+        assert np.abs(moved - said).max() < 0.25 * np.abs(said).max() + 0.5
+        assert np.linalg.norm(np.diff(clip.root_pos, axis=0), axis=1).max() < 0.05
+    assert chain.made.metrics["clips"] == 5
+
+
+def test_experts_are_trained_once(chain):
+    experts = chain.context.store.all("chain", "experts")
+    generate.run(generate.smoke(), chain.context)
+    assert chain.context.store.all("chain", "experts") == experts
+    generate.run(generate.smoke(), chain.context, retrain=True)
+    assert len(chain.context.store.all("chain", "experts")) == len(experts) + 1
+
+
+def test_an_expert_that_falls_is_not_recorded(chain, solo12):
+    def collapse(obs):
+        return torch.full((len(obs), 12), 30.0)
+
+    config = replace(generate.smoke(), seconds=1.0)
+    with pytest.raises(StageError, match=r"walk expert fell in \d+ of \d+"):
+        generate.record(solo12, "walk", collapse, 3, config, chain.context)
+
+
+def test_every_stage_leaves_its_artifact_its_log_and_no_checkpoint(chain):
+    for stage in ("experts", "train-low", "train-high"):
+        folder = chain.context.store.newest("chain", stage).parent
+        logged = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+        assert len(logged) >= 2
+        assert not list(folder.glob("*.checkpoint.h5"))
+        assert not chain.context.store.partials("chain", stage)
+
+
+def test_the_lineage_goes_back_to_the_experts(chain):
+    low, high = (read_artifact(each.artifact) for each in (chain.low, chain.high))
+    assert [p.locate(chain.high.artifact) for p in high.parents] == [chain.low.artifact]
+    assert [p.locate(chain.low.artifact) for p in low.parents] == [chain.made.artifact]
+    assert low.metadata["method"] == high.metadata["method"] == "drail-cat"
+    assert (low.seed, high.seed) == (1, 1)
+    assert low.config["ase"]["discriminator"] == "drail"
+
+
+def test_a_high_level_carries_its_low_level_unchanged(chain):
+    _, low = load_policies(chain.low.artifact, "low")
+    _, both = load_policies(chain.high.artifact, "low", "high")
+    obs, z = torch.randn(5, 46), project(torch.randn(5, 7))
+    assert torch.equal(low["low"](obs, z), both["low"](obs, z))
+    assert both["high"](torch.randn(5, 44)).shape == (5, 7)
+
+
+def test_figures_are_plain_numbers(chain):
+    for result in (chain.made, chain.low, chain.high):
+        json.dumps(result.metrics)
+    assert {"samples", "samples_per_second", "encoder_cosine"} <= set(chain.low.metrics)
+    assert {"untrained_error", "trained_error"} <= set(chain.high.metrics)
+    assert chain.low.metrics["samples"] == 16 * 8 * 3
+
+
+def test_coverage_counts_every_latent_once(chain, solo12):
+    _, policies = load_policies(chain.low.artifact, "low")
+    library = MotionLibrary(load_clips(chain.made.artifact))
+    found = skill_coverage(solo12, policies["low"], library, latents=8, seconds=0.4)
+    shares = [found[f"coverage_{name}"] for name in ("walk", "reach", "fall", "stand")]
+    assert sum(shares) == pytest.approx(1.0)
+    assert all(share * 8 == int(share * 8) for share in shares)
+    again = skill_coverage(solo12, policies["low"], library, latents=8, seconds=0.4)
+    assert again == found
+
+
+def test_evaluation_of_the_chain(chain):
+    config = evaluate.EvalConfig(episodes=4, selection_episodes=2, worlds=4)
+    result = evaluate.run(config, chain.context, policies=[chain.high.artifact])
+    (row,) = result.metrics["rows"]
+    assert row["method"] == "drail-cat"
+    assert 0.0 < row["ee_error_mean_m"] < 5.0
+    assert read_artifact(result.artifact).arrays["0/error"].shape == (4,)
+
+
+def test_an_interrupted_low_level_is_resumed_from_where_it_was(chain, tmp_path, monkeypatch):
+    """The stage as a whole: same weights as without the interruption, also after the training."""
+    context = context_in(tmp_path, seed=1)
+    motions = [chain.made.artifact]
+
+    def interrupt(*arguments, **options):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(train_low, "skill_coverage", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train_low.run(train_low.smoke(), context, motions=motions)
+    with monkeypatch.context() as patch:
+        patch.setattr(train_low.LowTrainer, "iterate", interrupt)
+        resumed = train_low.run(train_low.smoke(), replace(context, resume=True), motions=motions)
+    ours, theirs = (read_artifact(path) for path in (resumed.artifact, chain.low.artifact))
+    assert ours.data_hash == theirs.data_hash
+    assert resumed.metrics["encoder_cosine"] == chain.low.metrics["encoder_cosine"]
+
+
+def test_motions_of_two_robots_are_refused(chain, tmp_path, h1, make_motions):
+    from lacoloco.datasets.clip import Clip, save_clips
+
+    names = h1.joint_names
+    still = Clip.from_poses(
+        "still", 50.0, names, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)), np.zeros((3, 19))
+    )
+    other = save_clips(tmp_path / "h1.h5", [still], robot=("h1", h1.model_hash()), config={}, seed=0)
+    with pytest.raises(StageError, match="h1, solo12"):
+        train_low.load_motions([chain.made.artifact, other])
+
+
+@pytest.mark.slow
+def test_h1_walks_the_same_chain(tmp_path):
+    chain = walk_the_chain(tmp_path, "h1")
+    _, policies = load_policies(chain.high.artifact, "low", "high")
+    assert policies["low"].head.sizes == {"policy": 67, "latent": 7}
+    assert policies["high"].head.sizes == {"policy": 58}
+
+
+def test_export_agrees_with_torch_and_says_so(exported):
+    assert exported.metrics["max_abs_difference"] <= export.TOLERANCE
+    artifact = read_artifact(exported.artifact, "lacoloco/export")
+    assert artifact.metadata["files"] == {"low": "low.onnx", "high": "high.onnx"}
+    folder = exported.artifact.parent
+    for role in ("low", "high"):
+        assert not list(folder.glob(f"{role}.onnx.*")), "one file, no weights beside it"
+        beside = json.loads((folder / f"{role}.json").read_text())
+        assert beside == metadata_of(folder / f"{role}.onnx")
+
+
+def metadata_of(path):
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    return json.loads(session.get_modelmeta().custom_metadata_map["lacoloco"])
+
+
+def test_exported_metadata_is_all_a_robot_needs(exported):
+    metadata = metadata_of(exported.artifact.parent / "low.onnx")
+    spec = load_robot("solo12")
+    assert metadata["joint_names"] == list(spec.joint_names)
+    assert metadata["default_joint_pos"] == list(spec.default_joint_pos)
+    assert metadata["joint_stiffness"] == [4.0] * 12
+    assert metadata["joint_damping"] == [0.2] * 12
+    assert metadata["effort_limits"] == [3.0] * 12
+    assert metadata["action_scale"] == 1.5
+    assert (metadata["control_dt"], metadata["decision_dt"]) == (0.02, 0.1)
+    assert metadata["robot_model_sha256"] == spec.model_hash()
+    stops = [term["slice"] for term in metadata["observation_terms"]]
+    assert stops[0][0] == 0
+    assert all(a[1] == b[0] for a, b in zip(stops[:-1], stops[1:], strict=True))
+    assert stops[-1][1] == metadata["inputs"]["observation"] == 46
+
+
+def test_difference_beyond_the_tolerance_is_an_error(chain, exported, monkeypatch):
+    _, policies = load_policies(chain.high.artifact, "high")
+    monkeypatch.setattr(export, "TOLERANCE", -1.0)
+    recorded = (np.zeros((2, 44), np.float32),)
+    with pytest.raises(StageError, match="high.onnx"):
+        export.largest_difference(
+            policies["high"],
+            exported.artifact.parent / "high.onnx",
+            recorded,
+            export.ExportConfig(random_rows=2),
+            0,
+        )
+
+
+class Controller:
+    """A robot's side of an exported policy: knows the file and nothing else."""
+
+    def __init__(self, path):
+        self.session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+        self.metadata = metadata_of(path)
+
+    def __call__(self, measured, **inputs):
+        terms = self.metadata["observation_terms"]
+        width = terms[-1]["slice"][1]
+        observation = np.zeros((1, width), np.float32)
+        for term in terms:
+            observation[0, slice(*term["slice"])] = measured[term["name"]]
+        (output,) = self.session.run(None, {"observation": observation, **inputs})
+        return output
+
+
+def measurements(qpos, qvel, target):
+    """What sensors and state estimation would say, from generalised coordinates."""
+    w, x, y, z = qpos[3:7]
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return {
+        "base_height": qpos[2],
+        "projected_gravity": turn.T @ [0, 0, -1],
+        "base_lin_vel": turn.T @ qvel[:3],
+        "base_ang_vel": qvel[3:6],
+        "joint_pos": qpos[7:],
+        "joint_vel": qvel[6:],
+        "target": turn.T @ (target - qpos[:3]),
+    }
+
+
+def test_a_controller_built_from_the_files_alone_acts_as_the_simulated_robot(chain, exported):
+    """Two decisions of the simulation, step by step, against the two ONNX files."""
+    folder = exported.artifact.parent
+    high, low = Controller(folder / "high.onnx"), Controller(folder / "low.onnx")
+    _, policies = load_policies(chain.high.artifact, "low", "high")
+    spec = load_robot("solo12")
+    task = replace(reach_task(spec), noise=0.0, randomisation=NO_RANDOMISATION)
+    base = LeggedEnv(spec, task, 1, seed=0)
+    env = LatentSteeredEnv(base, policies["low"], 7)
+    state, last_latent, last_action = {}, np.zeros(7), np.zeros(12)
+    metadata = low.metadata
+
+    def measure():
+        qpos, qvel = base.physics.qpos[0].numpy(), base.physics.qvel[0].numpy()
+        state.update(measurements(qpos, qvel, base.command[0].numpy()))
+
+    step, targets = base.physics.step, []
+    base.physics.step = lambda joints: (targets.append(joints[0].numpy()), step(joints))
+    measure()
+    for _ in range(2):
+        latent = high({**state, "last_latent": last_latent})
+        assert np.linalg.norm(latent) == pytest.approx(1.0, abs=1e-5)
+        expected = project(policies["high"](env.observe()))
+        np.testing.assert_allclose(latent, expected, atol=2e-5)
+        commands = []
+
+        def watch(_):
+            # Called after a step: what the controller would have sent before it.
+            nonlocal last_action
+            action = low({**state, "last_action": last_action}, latent=latent)  # noqa: B023
+            joints = np.array(metadata["default_joint_pos"]) + metadata["action_scale"] * action[0]
+            commands.append(joints)  # noqa: B023
+            last_action = action[0]
+            measure()
+
+        targets.clear()
+        env.step(expected, watch)
+        assert len(commands) == metadata["latent_hold_steps"] == len(targets)
+        np.testing.assert_allclose(commands, targets, atol=1e-4)
+        last_latent = latent[0]
+
+
+def test_a_rollout_is_recorded_step_by_step(chain):
+    recorded = rollout.record_reach(chain.high.artifact, seconds=0.3, episodes=2, seed=3)
+    assert recorded.qpos.shape == (2, 15, 19)
+    assert recorded.steering.shape == (2, 15, 7)
+    assert recorded.low_obs.shape == (30, 46)
+    assert recorded.high_obs.shape == (6, 44)
+    assert recorded.robot == "solo12"
+    # A latent is held for five steps; the target stays; the robot moves.
+    assert np.array_equal(recorded.steering[:, 0], recorded.steering[:, 4])
+    assert not np.array_equal(recorded.steering[:, 4], recorded.steering[:, 5])
+    assert (recorded.target == recorded.target[:, :1]).all()
+    assert not np.array_equal(recorded.qpos[:, 0], recorded.qpos[:, 14])
+    # Observations are listed step by step, all episodes of a step together.
+    joints = recorded.low_obs.reshape(15, 2, 46)[:, :, 10:22]
+    assert np.array_equal(joints.swapaxes(0, 1), recorded.qpos[:, :, 7:])
+    assert np.array_equal(
+        recorded.latent.reshape(15, 2, 7).swapaxes(0, 1), recorded.steering
+    )
