@@ -128,6 +128,9 @@ class MotionLibrary:
     ) -> tuple[MotionFrames, MotionFrames]:
         """Draw n pairs of states `dt` apart, both within one clip.
 
+        Where `dt` is a whole number of frames, both are recorded frames: blended ones are smoother than
+        any that a robot passes through, which is all a discriminator would need to tell them apart.
+
         Args:
             n: how many.
             dt: seconds between the two.
@@ -141,6 +144,9 @@ class MotionLibrary:
             DatasetError: no clip is as long as `dt`.
         """
         clip_ids, times = self.sample(n, generator, margin=dt)
+        fps = self._fps[clip_ids]
+        whole = (fps * dt - (fps * dt).round()).abs() < 1e-4
+        times = torch.where(whole, (times * fps).round() / fps, times)
         both = self.frames(torch.cat([clip_ids, clip_ids]), torch.cat([times, times + dt]))
         halves = [
             MotionFrames(**{name: getattr(both, name)[part] for name in series.SERIES})

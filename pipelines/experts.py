@@ -14,7 +14,7 @@ from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.state import layout, width
-from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, TASKS
+from lacoloco.pipelines.sim.tasks import TASKS, Task
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
@@ -57,14 +57,19 @@ def smoke_expert() -> ExpertConfig:
     )
 
 
+def clean(task: Task) -> Task:
+    """The task as experts train on it and are recorded: own friction and masses per world, but no noise and no pushes."""
+    return replace(task, noise=0.0, randomisation=replace(task.randomisation, push=0.0))
+
+
 class ExpertTrainer:
     """PPO + CaT on one task; see :class:`lacoloco.pipelines.training.Trainer`."""
 
     def __init__(self, spec: RobotSpec, task_name: str, config: ExpertConfig, *, seed: int, device: str) -> None:
         """Build the environment and the learner."""
         torch.manual_seed(seed)
-        # Clips are recorded clean, so the experts train in exactly that world: robustness is the low level's business.
-        self.config, self.task = config, replace(TASKS[task_name](spec), noise=0.0, randomisation=NO_RANDOMISATION)
+        # Nobody deploys an expert, so it may see clearly; but its clips must show every world the low level will meet.
+        self.config, self.task = config, clean(TASKS[task_name](spec))
         self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
         self.env.stagger()
         sizes = {POLICY: width(self.env.terms)}

@@ -11,11 +11,11 @@ import torch
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, save_clips
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.experts import ExpertConfig, ExpertTrainer, reach_expert, smoke_expert
+from lacoloco.pipelines.experts import ExpertConfig, ExpertTrainer, clean, reach_expert, smoke_expert
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, TASKS
+from lacoloco.pipelines.sim.tasks import TASKS
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training import remove_checkpoints, train
 from lacoloco.robots.registry import load_robot
@@ -125,7 +125,7 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
 def record(
     spec: RobotSpec, task_name: str, policy: Policy, count: int, config: GenerateConfig, context: StageContext
 ) -> tuple[list[Clip], dict[str, float]]:
-    """Record ``count`` clips of one expert, deterministic, without noise, pushes or randomisation.
+    """Record ``count`` clips of one expert, deterministic, without noise or pushes, each in its own world.
 
     More worlds than clips are run, and only those that never fell are kept, so no clip contains a reset.
 
@@ -133,11 +133,9 @@ def record(
         StageError: fewer than ``count`` worlds stayed up.
     """
     steps, lead = round(config.seconds / CONTROL_DT), round(config.lead_in / CONTROL_DT)
-    base = TASKS[task_name](spec)
+    base = clean(TASKS[task_name](spec))
     task = replace(
         base,
-        noise=0.0,
-        randomisation=NO_RANDOMISATION,
         reset=replace(base.reset, joint_scale=(0.9, 1.1)),
         episode_s=2 * (config.seconds + config.lead_in),
     )

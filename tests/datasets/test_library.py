@@ -149,3 +149,13 @@ def test_libraries_that_cannot_be_sampled(make_clip):
         MotionLibrary([make_clip(weight=0.0)])
     with pytest.raises(DatasetError, match="skill_shares: 'fly'.*walk"):
         MotionLibrary([make_clip(skill="walk")], weighting="skill", skill_shares={"fly": 1.0})
+
+
+def test_transitions_are_recorded_frames_where_the_step_is_a_whole_number_of_frames(make_clip):
+    clip = make_clip(frames=40)
+    library = MotionLibrary([clip])
+    before, after = library.sample_transitions(64, 1 / clip.fps, torch.Generator().manual_seed(0))
+    recorded = torch.from_numpy(clip.joint_pos.astype("float32"))
+    for frames in (before, after):
+        nearest = torch.cdist(frames.joint_pos, recorded).amin(dim=1)
+        assert nearest.max() < 1e-4
