@@ -8,6 +8,7 @@ from pathlib import Path
 
 import torch
 
+from lacoloco.datasets import published
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, save_clips
 from lacoloco.pipelines.errors import StageError
@@ -91,11 +92,15 @@ def run(config: GenerateConfig, context: StageContext, *, robot: str = "solo12",
 
 
 def _experts(config: GenerateConfig, context: StageContext, spec: RobotSpec, retrain: bool) -> Path:
-    """The run's newest experts of this robot, else newly trained ones."""
+    """The run's newest experts of this robot, else the published ones, else newly trained ones."""
     if not retrain and not context.resume:
         for path in reversed(context.store.all(context.run, "experts")):
             if read_header(path).robot == spec.name:
                 return path
+        bundled = published.find(f"{spec.name}-experts")
+        if bundled is not None:
+            context.progress.say(f"using the published experts of {spec.name}; --retrain makes them again")
+            return bundled
         context.progress.say(f"run '{context.run}' has no experts for {spec.name} yet: training them")
     return train_experts(config, context, spec)
 
