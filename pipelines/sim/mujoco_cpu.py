@@ -57,20 +57,21 @@ class BatchPhysics:
         self.diverged = torch.from_numpy(np.abs(self._time - due) > 0.5 * PHYSICS_DT)
         self._refresh()
 
-    def reset(self, ids: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
-        """Put worlds ``ids`` into the given states; see the contract."""
-        rows = ids.numpy()
+    def reset(self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
+        """Put ``worlds`` into the given states; see the contract."""
+        worlds, qpos, qvel = _numbered(worlds, qpos, qvel)
+        rows = worlds.numpy()
         if not len(rows):
             return
         self._batch.reset(rows, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._qpos[rows], self._qvel[rows] = qpos.numpy(), qvel.numpy()
         self._ctrl[rows] = qpos[:, 7:].numpy()
-        self._time[rows] = CONTROL_DT  # not zero, where MuJoCo's own resets put it
         self._refresh()
 
-    def push(self, ids: torch.Tensor, velocity: torch.Tensor) -> None:
-        """Add root velocity to worlds ``ids``; see the contract."""
-        self._qvel[ids.numpy(), :6] += velocity.numpy()
+    def push(self, worlds: torch.Tensor, velocity: torch.Tensor) -> None:
+        """Add root velocity to ``worlds``; see the contract."""
+        worlds, velocity = _numbered(worlds, velocity)
+        self._qvel[worlds.numpy(), :6] += velocity.numpy()
         self._refresh()
 
     def set_parameters(self, parameters: WorldParameters) -> None:
@@ -101,6 +102,14 @@ class BatchPhysics:
         # New tensors every time: callers keep the previous step's without copying.
         self.qpos = torch.from_numpy(self._qpos).float()
         self.qvel = torch.from_numpy(self._qvel).float()
+
+
+def _numbered(worlds: torch.Tensor, *values: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """A mask (N,) with N rows of values each, as numbers (K,) with K rows; numbers stay as they are."""
+    if worlds.dtype != torch.bool:
+        return worlds, *values
+    ids = torch.nonzero(worlds).flatten()
+    return ids, *(value[ids] for value in values)
 
 
 def _columns(model: mujoco.MjModel, sensor: str) -> np.ndarray:
