@@ -112,14 +112,16 @@ def test_transitions_stand_in_time_order_and_at_their_own_step(make_ase):
 
 def test_broken_worlds_earn_and_teach_nothing(make_ase):
     ase, valid = make_ase(), torch.ones(WORLDS, dtype=torch.bool)
-    valid[2] = False
+    ase.normalizer, valid[2] = Identity(), False
     seen = spy(ase)
     last = fill(ase, frames=lambda step: torch.arange(float(WORLDS))[:, None].repeat(1, 2), valid=valid)
     ase.compute_returns(last)
     assert torch.equal(ase.storage.rewards[:, 2], torch.zeros(HORIZON, 1))
     assert (ase.storage.rewards[:, [0, 1, 3]] > 0).all()
     ase.update()
-    assert 2 not in set(worlds_of(ase, torch.cat(seen)))
+    shown = set(worlds_of(torch.cat(seen)))
+    assert 2 not in shown
+    assert {0, 1, 3} <= shown
 
 
 def spy(ase):
@@ -134,23 +136,30 @@ def spy(ase):
     return seen
 
 
-def worlds_of(ase, transitions):
-    """The numbers that frames were marked with, undoing the normaliser."""
-    first = transitions[:, 0] * ase.normalizer.std[0] + ase.normalizer.mean[0]
-    return first.round().long().tolist()
+def worlds_of(transitions):
+    """The numbers that frames were marked with."""
+    return transitions[:, 0].round().long().tolist()
+
+
+class Identity(torch.nn.Module):
+    """A normaliser that leaves everything as it is, so that frames can carry marks."""
+
+    def update(self, agent, demo):
+        pass
+
+    def forward(self, transition):
+        return transition
 
 
 def test_style_minibatches_draw_from_all_worlds(make_ase):
     """Bug B10: a quarter of the original's worlds never reaches the encoder."""
     ase = make_ase(worlds=64, horizon=4, updates=1, batch=64, replay_share=0.5)
-    # Markers small enough not to be clipped by the normaliser.
-    ase.normalizer.mean.fill_(32.0)
-    ase.normalizer.std.fill_(10.0)
+    ase.normalizer = Identity()
     seen = spy(ase)
     last = fill(ase, frames=lambda step: torch.arange(64.0)[:, None].repeat(1, 2))
     ase.compute_returns(last)
     ase.update()
-    worlds = worlds_of(ase, seen[0][:32])  # the current half of the batch; the rest is replay
+    worlds = worlds_of(seen[0][:32])  # the current half of the batch; the rest is replay
     assert len(set(worlds)) > 16
     assert max(worlds) > 48
     assert min(worlds) < 16
@@ -158,6 +167,7 @@ def test_style_minibatches_draw_from_all_worlds(make_ase):
 
 def test_half_of_the_agents_batch_is_replayed(make_ase):
     ase = make_ase(updates=1, batch=16, replay_share=0.25)
+    ase.normalizer = Identity()
     old = torch.full((8, 4), 4.0)
     ase.replay.add(old)
     seen = spy(ase)
@@ -167,6 +177,29 @@ def test_half_of_the_agents_batch_is_replayed(make_ase):
     assert not replayed[:8].any()
     assert replayed[8:].any()
     assert ase.replay.size == 8 + int(0.25 * WORLDS * HORIZON)
+
+
+def test_the_memory_keeps_raw_transitions(make_ase):
+    """Their statistics move on; what is drawn from it is scaled by those of the day."""
+    ase = make_ase(updates=1, batch=16, replay_share=1.0)
+    ase.compute_returns(fill(ase, frames=lambda step: torch.full((WORLDS, 2), 7.0)))
+    seen = spy(ase)
+    ase.update()
+    kept = ase.replay.data[: ase.replay.size]
+    assert torch.equal(kept, torch.tensor([7.0, 7.0, 7.5, 7.5]).repeat(len(kept), 1))
+    assert torch.allclose(seen[0], ase.normalizer(kept[:16]))
+
+
+def test_statistics_are_those_of_the_rollout_before_it_is_judged(make_ase):
+    ase = make_ase()
+    last = fill(ase, frames=lambda step: torch.full((WORLDS, 2), 9.0))
+    before = ase.normalizer.statistics.mean
+    ase.compute_returns(last)
+    mean = ase.normalizer.statistics.mean
+    assert not torch.equal(before, mean)
+    assert torch.allclose(mean, torch.tensor(9.25 / 2), atol=0.2), "half agent, half demonstrations"
+    ase.update()
+    assert torch.equal(ase.normalizer.statistics.mean, mean)
 
 
 def test_more_updates_than_rows_wrap_around(make_ase):

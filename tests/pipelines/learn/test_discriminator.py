@@ -44,29 +44,45 @@ def test_accuracy_counts_each_class_on_its_own_side():
 
 
 def test_both_frames_share_one_set_of_statistics():
+    """So their difference keeps its meaning: it is scaled, and nothing else."""
     generator = torch.Generator().manual_seed(0)
     before = torch.randn(4000, 2, generator=generator) * torch.tensor([1.0, 3.0])
     after = before + torch.tensor([0.1, -0.3])
-    normalizer = TransitionNormalizer.fit(torch.cat([before, after], dim=1))
-    assert normalizer.mean.shape == (2,)
-    assert torch.allclose(normalizer.mean, torch.tensor([0.05, -0.15]), atol=0.15)
-    result = normalizer(torch.cat([before, after], dim=1)[:100])
-    # So their difference keeps its meaning: it is scaled, and nothing else.
-    change = (result[:, 2:] - result[:, :2]) * normalizer.std
+    transitions = torch.cat([before, after], dim=1)
+    normalizer = TransitionNormalizer(2)
+    normalizer.update(transitions[:2000], transitions[2000:])
+    result = normalizer(transitions[:100])
+    scale = normalizer.statistics.std + normalizer.statistics.eps
+    assert torch.allclose(scale, torch.tensor([1.0, 3.0]), rtol=0.05)
     unclipped = (result.abs() < CLIP).all(dim=1)
+    change = (result[:, 2:] - result[:, :2]) * scale
     assert torch.allclose(change[unclipped], (after - before)[:100][unclipped], atol=1e-5)
 
 
+def test_statistics_are_taken_from_both_sides_in_equal_parts():
+    """However many transitions there are of each: agent at 0, demonstrations at 1."""
+    normalizer = TransitionNormalizer(1)
+    normalizer.update(torch.zeros(10, 2), torch.ones(500, 2))
+    assert normalizer.statistics.mean.tolist() == pytest.approx([0.5])
+    assert normalizer.statistics.std.tolist() == pytest.approx([0.5])
+
+
 def test_normalizer_by_hand():
-    normalizer = TransitionNormalizer(torch.tensor([1.0, 0.0]), torch.tensor([2.0, 0.0]))
-    found = normalizer(torch.tensor([[3.0, 0.002, -1.0, 1.0]]))
-    # A column that never varies is not blown up without bounds.
-    assert torch.allclose(found, torch.tensor([[1.0, 2.0, -1.0, CLIP]]))
+    normalizer = TransitionNormalizer(2)
+    normalizer.update(torch.tensor([[0.0, 7.0, 4.0, 7.0]]), torch.tensor([[4.0, 7.0, 0.0, 7.0]]))
+    eps = normalizer.statistics.eps
+    found = normalizer(torch.tensor([[4.0, 7.0, 0.0, 7.0 + eps]]))
+    # Mean 2, std 2; a column that never varies is not blown up without bounds.
+    expected = torch.tensor([[2 / (2 + eps), 0.0, -2 / (2 + eps), 1.0]])
+    assert torch.allclose(found, expected, atol=1e-4)
+    assert normalizer(torch.full((1, 4), 1e6)).tolist() == [[CLIP] * 4]
 
 
 def test_normalizer_is_part_of_the_state():
-    first = TransitionNormalizer.fit(torch.randn(50, 6))
-    second = TransitionNormalizer(torch.zeros(3), torch.ones(3))
+    first, second = TransitionNormalizer(3), TransitionNormalizer(3)
+    first.update(torch.randn(50, 6), torch.randn(50, 6) + 1.0)
     second.load_state_dict(first.state_dict())
-    sample = torch.randn(4, 6)
+    more, sample = torch.randn(20, 6), torch.randn(4, 6)
+    for normalizer in (first, second):
+        normalizer.update(more, more)
     assert torch.equal(first(sample), second(sample))

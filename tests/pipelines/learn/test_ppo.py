@@ -67,6 +67,8 @@ def test_deterministic_steps_have_no_say_in_the_policy(make_ppo, observe):
         last = fill(ppo, observe)
         ppo.compute_returns(last)
         ppo.storage.advantages[0, :, 0] = torch.tensor([0.5, gain, -0.5, -gain])
+        # At the mean itself the likelihood is flat: only beside it could they have a say at all.
+        ppo.storage.actions[0, [1, 3]] += 0.3
         loss, _ = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
         loss.backward()
         gradients.append([p.grad.clone() for p in ppo.actor.parameters() if p.grad is not None])

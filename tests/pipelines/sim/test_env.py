@@ -187,6 +187,7 @@ def test_only_undesired_contacts_that_the_task_names_end_an_episode(make_env, so
 def test_reset_touches_only_the_worlds_of_its_mask(make_env, solo12):
     env = make_env(reach_task(solo12))
     env.step(torch.ones(WORLDS, 12))
+    env.feet.air_time += 1.0
     before = {name: getattr(env, name).clone() for name in ("steps", "action", "command")}
     qpos = env.physics.qpos
     env.reset(torch.tensor([False, True, False, True]))
@@ -197,6 +198,7 @@ def test_reset_touches_only_the_worlds_of_its_mask(make_env, solo12):
     assert torch.equal(env.physics.qpos[kept], qpos[kept])
     assert not torch.allclose(env.physics.qpos[[1, 3]], qpos[[1, 3]], atol=1e-3)
     assert env.action[[1, 3]].abs().max() == 0.0
+    assert env.feet.air_time[[1, 3]].max() == 0.0 < env.feet.air_time[kept].min()
 
 
 def test_clip_starts_move_as_the_clip_does_whatever_their_heading(make_env, motions):

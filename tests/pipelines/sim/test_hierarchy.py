@@ -81,6 +81,13 @@ def test_a_time_out_inside_a_decision_is_no_death():
     assert decision.reward.tolist() == pytest.approx([3 / 5, 1.0])
 
 
+def test_who_fell_has_no_time_out_later_in_the_decision():
+    """It would be worth the value of a state that it never reached."""
+    decision = steered(ScriptedEnv(falls=(2,), time_outs=(4,))).step(torch.zeros(2, 7))
+    assert decision.fell.tolist() == [True, False]
+    assert not decision.timed_out.any()
+
+
 def test_forces_are_counted_in_every_substep_lived_through():
     """Bug B15: the original looks at one in twenty. Here two of four substeps, one foot of two."""
     decision = steered(ScriptedEnv(falls=(3,))).step(torch.zeros(2, 7))

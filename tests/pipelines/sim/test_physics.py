@@ -96,6 +96,28 @@ def test_a_landing_shows_in_the_substep_in_which_it_happens(make_standing):
     assert int(torch.nonzero(forces > 0)[0]) == 5
 
 
+def test_forces_are_those_of_plain_mujoco_in_every_substep(solo12):
+    """A robot that lands on its back: a base hits the ground, feet do not."""
+    physics = make_physics(PhysicsRequest(solo12, 2, threads=1))
+    qpos, qvel = standing_qpos(1), torch.zeros(1, 18)
+    qpos[:, 2], qpos[:, 3:7], qvel[:, 2] = 0.03, torch.tensor([0.0, 1.0, 0.0, 0.0]), -2.0
+    physics.reset(torch.tensor([1]), qpos, qvel)
+    hold(physics, 1)
+    data = mujoco.MjData(solo12.compile(training_limits=True))
+    data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[0], qvel[0], STANDING
+    norms = {name: [] for name in (*solo12.feet, *physics.monitored)}
+    for _ in range(SUBSTEPS):
+        mujoco.mj_step(data.model, data)
+        for name, seen in norms.items():
+            seen.append(np.linalg.norm(data.sensor(f"force_{name}").data))
+    feet = np.stack([norms[name] for name in solo12.feet], axis=1)
+    np.testing.assert_allclose(physics.foot_force[1], feet, rtol=1e-5, atol=1e-5)
+    bodies = [max(norms[name]) for name in physics.monitored]
+    np.testing.assert_allclose(physics.body_force[1], bodies, rtol=1e-5, atol=1e-5)
+    assert np.count_nonzero(norms["base_link"]) > 1
+    np.testing.assert_allclose(physics.qpos[1], data.qpos, atol=1e-6)
+
+
 def test_torque_is_that_of_the_position_motors(solo12):
     """tau = kp (target - q) - kd qd: an airborne robot whose joints rest 0.1 rad off target."""
     physics = make_physics(PhysicsRequest(solo12, 1, threads=1))
