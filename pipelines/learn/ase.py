@@ -79,7 +79,7 @@ class Ase(Ppo):
         self.discriminator_optimizer = _adam(self.discriminator, ase.learning_rate)
         self.encoder_optimizer = _adam(self.encoder, ase.encoder_learning_rate)
         self.replay = ReplayBuffer(ase.replay_capacity, dim, seed=seed + 1, device=device)
-        self.draw = torch.Generator().manual_seed(seed + 2)
+        self.draw = torch.Generator(device).manual_seed(seed + 2)
         self.transitions = torch.zeros(ppo.horizon, num_worlds, dim, device=device)
         self.valid = torch.ones(ppo.horizon, num_worlds, dtype=torch.bool, device=device)
 
@@ -159,12 +159,12 @@ class Ase(Ppo):
         raw = self.transitions.flatten(0, 1)[valid]
         agent = self.normalizer(raw)
         z = self.storage.observations[LATENT].flatten(0, 1)[valid]
-        kept = torch.randperm(len(agent), generator=self.draw)[: int(ase.replay_share * len(agent))]
+        kept = torch.randperm(len(agent), generator=self.draw, device=self.device)[: int(ase.replay_share * len(agent))]
         self.replay.add(raw[kept])
-        order = torch.randperm(len(agent), generator=self.draw)
+        order = torch.randperm(len(agent), generator=self.draw, device=self.device)
         for index in range(ase.updates):
             # Every minibatch draws from all worlds and all steps (facts 9.2, B10).
-            rows = order[torch.arange(index * ase.batch, (index + 1) * ase.batch) % len(order)]
+            rows = order[torch.arange(index * ase.batch, (index + 1) * ase.batch, device=self.device) % len(order)]
             half = rows[: ase.batch // 2]
             policy = torch.cat((agent[half], self.normalizer(self.replay.sample(ase.batch - len(half)))))
             demo = self.normalizer(self.demonstrations(ase.batch))

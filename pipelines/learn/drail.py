@@ -53,8 +53,8 @@ class DrailDiscriminator(nn.Module):
     def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
         """(n, 2F) normalised transitions -> (n,) log-odds of being a demonstration."""
         count, samples = len(transition), self.config.samples
-        times = self._times(count, draw).to(transition.device)
-        noise = torch.randn(count, samples, transition.shape[-1], generator=draw).to(transition.device)
+        times = self._times(count, draw)
+        noise = torch.randn(count, samples, transition.shape[-1], generator=draw, device=draw.device)
         keep = self.alpha_bar[times][..., None]
         noisy = keep.sqrt() * transition[:, None] + (1.0 - keep).sqrt() * noise
         # The entry layer sees the same input under both labels: compute it once.
@@ -78,8 +78,8 @@ class DrailDiscriminator(nn.Module):
     def _times(self, count: int, draw: torch.Generator) -> torch.Tensor:
         """(count, samples) integer diffusion times, one uniform draw in each of ``samples`` equal strata."""
         samples, steps = self.config.samples, self.config.steps
-        offset = torch.rand(count, samples, generator=draw)
-        strata = (torch.arange(samples) + offset) / samples
+        offset = torch.rand(count, samples, generator=draw, device=draw.device)
+        strata = (torch.arange(samples, device=draw.device) + offset) / samples
         return (strata * steps).long().clamp_max(steps - 1)
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import torch
 
+from lacoloco.pipelines.worlds import put, select
+
 
 def project(unnormalized: torch.Tensor) -> torch.Tensor:
     """(..., d) -> unit vectors along the last axis: z = u / |u|."""
@@ -13,8 +15,8 @@ def project(unnormalized: torch.Tensor) -> torch.Tensor:
 
 
 def sample_latents(count: int, dim: int, draw: torch.Generator) -> torch.Tensor:
-    """(count, dim) uniform on the unit sphere: a normalised standard Gaussian. Drawn on the CPU."""
-    return project(torch.randn(count, dim, generator=draw))
+    """(count, dim) uniform on the unit sphere: a normalised standard Gaussian, on the generator's device."""
+    return project(torch.randn(count, dim, generator=draw, device=draw.device))
 
 
 @dataclass(frozen=True)
@@ -31,18 +33,19 @@ class LatentSchedule:
 
     def __init__(self, num_worlds: int, config: LatentConfig, *, seed: int, device: torch.device | str = "cpu") -> None:
         """Draw a latent (N, dim) and its duration for every world."""
-        self.config, self.draw, self.device = config, torch.Generator().manual_seed(seed), device
-        self.z = sample_latents(num_worlds, config.dim, self.draw).to(device)
+        self.config, self.draw, self.device = config, torch.Generator(device).manual_seed(seed), device
+        self.z = sample_latents(num_worlds, config.dim, self.draw)
         self.remaining = self._durations(num_worlds)
 
     def advance(self, done: torch.Tensor) -> None:
         """One control step has passed; worlds in ``done`` (N,) bool have just been reset."""
         self.remaining -= 1
-        ids = torch.nonzero(done | (self.remaining <= 0)).flatten()
-        if len(ids):
+        worlds = select(done | (self.remaining <= 0))
+        if len(worlds):
             # A new tensor: the old latents may still be referenced by the transition being recorded.
-            self.z = self.z.index_copy(0, ids, sample_latents(len(ids), self.config.dim, self.draw).to(self.device))
-            self.remaining[ids] = self._durations(len(ids))
+            self.z = self.z.clone()
+            put(self.z, worlds, sample_latents(len(worlds), self.config.dim, self.draw))
+            put(self.remaining, worlds, self._durations(len(worlds)))
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Latents, remaining steps, generator."""
@@ -55,4 +58,4 @@ class LatentSchedule:
 
     def _durations(self, count: int) -> torch.Tensor:
         low, high = self.config.min_steps, self.config.max_steps
-        return torch.randint(low, high + 1, (count,), generator=self.draw).to(self.device)
+        return torch.randint(low, high + 1, (count,), generator=self.draw, device=self.draw.device)

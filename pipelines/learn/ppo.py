@@ -15,6 +15,7 @@ from tensordict import TensorDict
 
 from lacoloco.pipelines.learn.networks import NetworkConfig, example, make_actor, make_critic
 from lacoloco.pipelines.learn.returns import advantages
+from lacoloco.pipelines.worlds import pick, put, select
 
 EXPLORE = "explore"
 """Observation group (N, 1): 1 where this step's action was sampled, 0 where it was the mean."""
@@ -117,10 +118,10 @@ class Ppo(PPO):
         self.delta[t] = 0.0 if delta is None else delta
         self.done[t] = fell | timed_out
         self.next_values[t] = 0.0
-        ends = torch.nonzero(timed_out).flatten()
+        ends = select(timed_out)
         if len(ends):
             with torch.no_grad():
-                self.next_values[t, ends] = self.critic(next_obs[ends]).squeeze(-1)
+                put(self.next_values[t], ends, self.critic(pick(next_obs, ends)).squeeze(-1))
         self.transition.rewards, self.transition.dones = reward, self.done[t]
         self.storage.add_transition(self.transition)
         self.transition.clear()

@@ -11,7 +11,7 @@ class ReplayBuffer:
     def __init__(self, capacity: int, transition_dim: int, *, seed: int, device: torch.device | str = "cpu") -> None:
         """Allocate an empty memory."""
         self.data = torch.zeros(capacity, transition_dim, device=device)
-        self.size, self.draw = 0, torch.Generator().manual_seed(seed)
+        self.size, self.draw = 0, torch.Generator(device).manual_seed(seed)
 
     def add(self, transitions: torch.Tensor) -> None:
         """Store (n, 2F) transitions; n may not exceed the capacity."""
@@ -21,11 +21,13 @@ class ReplayBuffer:
         self.size += head
         rest = transitions[head:]
         if len(rest):
-            self.data[torch.randperm(len(self.data), generator=self.draw)[: len(rest)]] = rest
+            slots = torch.randperm(len(self.data), generator=self.draw, device=self.data.device)
+            self.data[slots[: len(rest)]] = rest
 
     def sample(self, count: int) -> torch.Tensor:
         """(count, 2F) uniform with replacement; the memory must not be empty."""
-        return self.data[torch.randint(0, self.size, (count,), generator=self.draw)]
+        rows = torch.randint(0, self.size, (count,), generator=self.draw, device=self.data.device)
+        return self.data[rows]
 
     def state_dict(self) -> dict[str, torch.Tensor | int]:
         """Contents and generator."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 
@@ -22,10 +23,10 @@ class VelocityCommand:
     standing: float = 0.02
 
     def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
-        """(K, 3) new commands for K worlds; ``origin`` (K, 3) only gives the count and device."""
+        """(K, 3) new commands for K worlds; ``origin`` (K, 3) only gives the count."""
         command = uniform((self.forward, self.lateral, self.yaw_rate), len(origin), draw)
-        moving = torch.rand(len(origin), generator=draw) >= self.standing
-        return (command * moving[:, None]).to(origin.device)
+        moving = torch.rand(len(origin), generator=draw, device=draw.device) >= self.standing
+        return command * moving[:, None]
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
         """(N, 3) the command itself: it is already relative to the base."""
@@ -50,7 +51,6 @@ class TargetCommand:
         if self.radius is not None:
             angle = uniform(((-torch.pi, torch.pi),), len(origin), draw)[:, 0]
             target[:, 0], target[:, 1] = self.radius * torch.cos(angle), self.radius * torch.sin(angle)
-        target = target.to(origin.device)
         target[:, :2] += origin[:, :2]
         return target
 
@@ -60,6 +60,13 @@ class TargetCommand:
 
 
 def uniform(ranges: tuple[Range, ...], count: int, draw: torch.Generator) -> torch.Tensor:
-    """(count, len(ranges)) float32, column i uniform in ranges[i]; drawn on the CPU so that seeds mean the same everywhere."""
-    low, high = torch.tensor(ranges).T
-    return low + (high - low) * torch.rand(count, len(ranges), generator=draw)
+    """(count, len(ranges)) float32 on the generator's device, column i uniform in ranges[i]."""
+    low, high = _bounds(ranges, draw.device)
+    return low + (high - low) * torch.rand(count, len(ranges), generator=draw, device=draw.device)
+
+
+@lru_cache(maxsize=256)
+def _bounds(ranges: tuple[Range, ...], device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+    """Lower and upper bounds; kept, because bringing them to a GPU makes the host wait."""
+    low, high = torch.tensor(ranges, dtype=torch.float32, device=device).T
+    return low, high

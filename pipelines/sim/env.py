@@ -28,6 +28,7 @@ from lacoloco.pipelines.sim.physics import (
 from lacoloco.pipelines.sim.rewards import REWARDS
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
 from lacoloco.pipelines.sim.tasks import Randomisation, Task
+from lacoloco.pipelines.worlds import pick, put, select
 from lacoloco.robots.spec import RobotSpec
 
 if TYPE_CHECKING:
@@ -78,14 +79,15 @@ class LeggedEnv:
         """Build the worlds, draw their parameters and start every episode."""
         self.spec, self.task, self.num_worlds, self.motions = spec, task, num_worlds, motions
         self._has_target = isinstance(task.command, TargetCommand)
-        self.draw = torch.Generator().manual_seed(seed)
         request = PhysicsRequest(spec, num_worlds, task.training_limits)
         self.physics = physics or make_physics(request, device)
         self.device = self.physics.device
+        self.draw = torch.Generator(self.device).manual_seed(seed)
         self._chain = EndEffectorChain(spec, self.device)
         joints = len(spec.joint_names)
         self.default_joint_pos = torch.tensor(spec.default_joint_pos, device=self.device)
-        self.hip_columns = [i for i, name in enumerate(spec.joint_names) if "HAA" in name or "hip_roll" in name]
+        hips = [i for i, name in enumerate(spec.joint_names) if "HAA" in name or "hip_roll" in name]
+        self.hip_columns = torch.tensor(hips, dtype=torch.long, device=self.device)
         self.num_actions, self.default_height = joints, spec.default_height()
         self._falls = slice(0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies))
         self._noise = layouts.noise_scale(self.terms).to(self.device) * task.noise
@@ -95,7 +97,7 @@ class LeggedEnv:
         self.command = torch.zeros(num_worlds, 3, device=self.device)
         self._resample_at = torch.zeros_like(self.steps)
         self._push_at = torch.zeros_like(self.steps)
-        self.diverged_total = 0
+        self.diverged_total = torch.zeros((), dtype=torch.long, device=self.device)
         self.physics.set_parameters(draw_parameters(task.randomisation, num_worlds, self.draw))
         self._read()
         self.reset(torch.ones(num_worlds, dtype=torch.bool, device=self.device))
@@ -119,14 +121,13 @@ class LeggedEnv:
         self.steps += 1
         self.feet.update(self.physics.foot_force[:, -1])
         diverged = self.physics.diverged
-        self.diverged_total += int(diverged.sum())
+        self.diverged_total += diverged.sum()
         fell = (self.physics.body_force[:, self._falls] > FALL_FORCE).any(dim=-1) | diverged
         reward = self._reward()
         violations = {c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints}
-        if bool(diverged.any()):
-            # A broken world may report any force, and the constraints' running maxima over all worlds would keep it.
-            reward = reward.masked_fill(diverged, 0.0)
-            violations = {name: margin.masked_fill(diverged[:, None], 0.0) for name, margin in violations.items()}
+        # A broken world may report any force, and the constraints' running maxima over all worlds would keep it.
+        reward = reward.masked_fill(diverged, 0.0)
+        violations = {name: margin.masked_fill(diverged[:, None], 0.0) for name, margin in violations.items()}
         timed_out = (self.steps >= self.task.episode_steps) & ~fell
         step = Step(reward, fell, timed_out, ~diverged, violations)
         self._push()
@@ -145,34 +146,35 @@ class LeggedEnv:
         clean = torch.cat(parts, dim=-1)
         if self.task.noise == 0.0:
             return clean
-        spread = torch.rand(clean.shape, generator=self.draw).to(self.device) * 2.0 - 1.0
+        spread = self._uniform(*clean.shape) * 2.0 - 1.0
         return clean + spread * self._noise
 
     def reset(self, mask: torch.Tensor) -> None:
         """Start new episodes in the worlds of ``mask`` (N,) bool."""
-        ids = torch.nonzero(mask).flatten()
-        if not len(ids):
+        worlds = select(mask)
+        if not len(worlds):
             return
-        qpos, qvel = self._default_starts(len(ids))
+        qpos, qvel = self._default_starts(len(worlds))
         if self.motions is not None and self.task.reset.clip_share > 0.0:
-            chosen = torch.nonzero(torch.rand(len(ids), generator=self.draw) < self.task.reset.clip_share).flatten()
+            chosen = select(self._uniform(len(worlds)) < self.task.reset.clip_share)
             if len(chosen):
-                qpos[chosen], qvel[chosen] = self._clip_starts(len(chosen))
-        self.physics.reset(ids, qpos.to(self.device), qvel.to(self.device))
+                for target, value in zip((qpos, qvel), self._clip_starts(len(chosen)), strict=True):
+                    put(target, chosen, value)
+        self.physics.reset(worlds, qpos, qvel)
         self._read()
-        self.steps[ids] = 0
-        self.action = self.action.index_fill(0, ids, 0.0)
-        self.feet.reset(ids)
+        put(self.steps, worlds, 0)
+        self.action = self.action.masked_fill(mask[:, None], 0.0)
+        self.feet.reset(worlds)
         if self.task.command is not None:
-            # Targets are relative to the middle of the reset spread, the worlds' origin.
-            self.command[ids] = self.task.command.sample(torch.zeros(len(ids), 3, device=self.device), self.draw)
-        self._resample_at[ids] = self._later(self.task.resample_s, ids)
-        self._push_at[ids] = self._later(self.task.randomisation.push_interval_s, ids)
+            put(self.command, worlds, self._commands(len(worlds)))
+        put(self._resample_at, worlds, self._later(self.task.resample_s, len(worlds)))
+        put(self._push_at, worlds, self._later(self.task.randomisation.push_interval_s, len(worlds)))
 
     def stagger(self) -> None:
         """Spread the ages of the running episodes, so that time-outs do not all fall into the same iteration."""
-        age = torch.randint(0, self.task.episode_steps, (self.num_worlds,), generator=self.draw)
-        self.steps = age.to(self.device)
+        self.steps = torch.randint(
+            0, self.task.episode_steps, (self.num_worlds,), generator=self.draw, device=self.device
+        )
 
     def end_effector(self) -> torch.Tensor:
         """(N, 3) world position of the end effector [m]."""
@@ -202,7 +204,7 @@ class LeggedEnv:
         self.physics.load_state_dict(state["physics"])
         self.draw.set_state(state["draw"])
         self.feet.load_state_dict(state["feet"])
-        self.diverged_total = int(state["diverged_total"])
+        self.diverged_total = torch.as_tensor(state["diverged_total"], device=self.device)
         for key in _STATE:
             setattr(self, key, state[key].to(self.device))
         self._read()
@@ -218,39 +220,49 @@ class LeggedEnv:
 
     def _push(self) -> None:
         strength = self.task.randomisation.push
-        ids = torch.nonzero(self.steps >= self._push_at).flatten()
-        if strength == 0.0 or not len(ids):
+        if strength == 0.0:
             return
-        velocity = uniform(((-strength, strength),) * 6, len(ids), self.draw)
+        worlds = select(self.steps >= self._push_at)
+        if not len(worlds):
+            return
+        velocity = uniform(((-strength, strength),) * 6, len(worlds), self.draw)
         velocity[:, 2] = 0.0
-        self.physics.push(ids, velocity.to(self.device))
+        self.physics.push(worlds, velocity)
         self._read()
-        self._push_at[ids] = self.steps[ids] + self._later(self.task.randomisation.push_interval_s, ids)
+        later = self._later(self.task.randomisation.push_interval_s, len(worlds))
+        put(self._push_at, worlds, pick(self.steps, worlds) + later)
 
     def _resample(self) -> None:
         if self.task.command is None or self.task.resample_s is None:
             return
-        ids = torch.nonzero(self.steps >= self._resample_at).flatten()
-        if len(ids):
-            origin = torch.zeros(len(ids), 3, device=self.device)
-            self.command[ids] = self.task.command.sample(origin, self.draw)
-            self._resample_at[ids] = self.steps[ids] + self._later(self.task.resample_s, ids)
+        worlds = select(self.steps >= self._resample_at)
+        if len(worlds):
+            put(self.command, worlds, self._commands(len(worlds)))
+            later = self._later(self.task.resample_s, len(worlds))
+            put(self._resample_at, worlds, pick(self.steps, worlds) + later)
 
-    def _later(self, seconds: tuple[float, float] | None, ids: torch.Tensor) -> torch.Tensor:
+    def _commands(self, count: int) -> torch.Tensor:
+        # Targets are relative to the middle of the reset spread, the worlds' origin.
+        return self.task.command.sample(torch.zeros(count, 3, device=self.device), self.draw)
+
+    def _later(self, seconds: tuple[float, float] | None, count: int) -> torch.Tensor:
         if seconds is None:
-            return torch.full((len(ids),), self.task.episode_steps + 1, device=self.device)
-        return (uniform((seconds,), len(ids), self.draw)[:, 0] / CONTROL_DT).long().to(self.device)
+            return torch.full((count,), self.task.episode_steps + 1, device=self.device)
+        return (uniform((seconds,), count, self.draw)[:, 0] / CONTROL_DT).long()
+
+    def _uniform(self, *shape: int) -> torch.Tensor:
+        return torch.rand(shape, generator=self.draw, device=self.device)
 
     def _default_starts(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """(K, 7 + J), (K, 6 + J): standing with the feet on the ground, anywhere, any heading."""
         start = self.task.reset
-        qpos = torch.zeros(count, 7 + self.num_actions)
+        qpos = torch.zeros(count, 7 + self.num_actions, device=self.device)
         planar = uniform(((-start.position, start.position),) * 2 + ((-start.heading, start.heading),), count, self.draw)
         qpos[:, :2], qpos[:, 2] = planar[:, :2], self.default_height
         qpos[:, 3:7] = from_yaw(planar[:, 2])
         scale = uniform((start.joint_scale,) * self.num_actions, count, self.draw)
-        qpos[:, 7:] = self.default_joint_pos.cpu() * scale
-        qvel = torch.zeros(count, 6 + self.num_actions)
+        qpos[:, 7:] = self.default_joint_pos * scale
+        qvel = torch.zeros(count, 6 + self.num_actions, device=self.device)
         qvel[:, :3] = uniform(((-start.lin_vel, start.lin_vel),) * 3, count, self.draw)
         qvel[:, 3:6] = uniform(((-start.ang_vel, start.ang_vel),) * 3, count, self.draw)
         return qpos, qvel
@@ -260,12 +272,12 @@ class LeggedEnv:
         clips, times = self.motions.sample(count, generator=self.draw)
         frames = self.motions.frames(clips, times)
         heading = from_yaw(uniform(((-torch.pi, torch.pi),), count, self.draw)[:, 0])
-        quat = multiply(heading, frames.root_quat.cpu())
-        position = torch.zeros(count, 3)
-        position[:, 2] = frames.root_pos[:, 2].cpu()
-        qpos = torch.cat((position, quat, frames.joint_pos.cpu()), dim=-1)
-        linear = rotate(quat, frames.root_lin_vel_b.cpu())
-        qvel = torch.cat((linear, frames.root_ang_vel_b.cpu(), frames.joint_vel.cpu()), dim=-1)
+        quat = multiply(heading, frames.root_quat)
+        position = torch.zeros(count, 3, device=self.device)
+        position[:, 2] = frames.root_pos[:, 2]
+        qpos = torch.cat((position, quat, frames.joint_pos), dim=-1)
+        linear = rotate(quat, frames.root_lin_vel_b)
+        qvel = torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=-1)
         return qpos, qvel
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.worlds import put
 
 CONTACT_FORCE = 1.0
 """Newtons above which a foot counts as touching (facts 6.4)."""
@@ -28,10 +29,11 @@ class FootTimer:
         self.air_time = torch.where(contact, 0.0, self.air_time + CONTROL_DT)
         self.contact = contact
 
-    def reset(self, ids: torch.Tensor) -> None:
-        """Forget the past of worlds ``ids`` (K,)."""
-        self.contact[ids], self.touch_down[ids] = True, False
-        self.air_time[ids], self.last_air_time[ids] = 0.0, 0.0
+    def reset(self, worlds: torch.Tensor) -> None:
+        """Forget the past of ``worlds``, numbers (K,) or a mask (N,)."""
+        put(self.contact, worlds, True)
+        for timing in (self.touch_down, self.air_time, self.last_air_time):
+            put(timing, worlds, 0)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """The four (N, F) tensors."""
