@@ -145,17 +145,17 @@ def record(
         episode_s=2 * (config.seconds + config.lead_in),
     )
     env = LeggedEnv(spec, task, count + max(8, count // 4), seed=context.seed, device=context.device)
-    clean = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
+    upright = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
     rows, errors, settled = [], [], []
     for step in range(lead + steps):
         command = env.command.clone()
         outcome = env.step(policy(env.observe()))
-        clean &= ~outcome.fell
+        upright &= ~outcome.fell
         if step >= lead:
             rows.append((env.physics.qpos, env.state))
             errors.append(_tracking_error(env, command))
             settled.append(errors[-1][(env.command != command).any(dim=-1)])
-    kept = torch.nonzero(clean).flatten()
+    kept = torch.nonzero(upright).flatten()
     skill = SKILLS[task_name]
     if len(kept) < count:
         raise StageError(f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} recordings; train it longer")
@@ -164,7 +164,7 @@ def record(
         f"{skill}_error_mean": float(torch.stack(errors).mean()),
         # At the last moment of each command; the mean above includes the way there.
         f"{skill}_error_settled": float(settled.mean()) if len(settled) else None,
-        f"{skill}_falls": float((~clean).sum()),
+        f"{skill}_falls": float((~upright).sum()),
         f"{skill}_worlds": float(env.num_worlds),
     }
     return [_clip(spec, skill, index, rows, int(world)) for index, world in enumerate(kept[:count])], figures
