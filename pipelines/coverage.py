@@ -35,7 +35,7 @@ def skill_coverage(
         speed [m/s] and end-effector lift [m], and ``coverage_clips``: the share of clips whose mean style frame is
         closer to some latent's than to the standing pose, in units of the clips' spread.
     """
-    env = _standing_env(spec, latents, seed)
+    env = _standing_env(spec, latents, seed, library.device)
     z = sample_latents(latents, policy.head.sizes["latent"], torch.Generator().manual_seed(seed)).to(env.device)
     steps = round(seconds / CONTROL_DT)
     fell = torch.zeros(latents, dtype=torch.bool, device=env.device)
@@ -61,10 +61,10 @@ def skill_coverage(
     }
 
 
-def _standing_env(spec: RobotSpec, worlds: int, seed: int) -> LeggedEnv:
+def _standing_env(spec: RobotSpec, worlds: int, seed: int, device: torch.device) -> LeggedEnv:
     still = ResetConfig(clip_share=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0))
     task = replace(imitate_task(spec, constrained=False), noise=0.0, reset=still, randomisation=NO_RANDOMISATION)
-    return LeggedEnv(spec, task, worlds, seed=seed)
+    return LeggedEnv(spec, task, worlds, seed=seed, device=str(device))
 
 
 def _reproduced(library: MotionLibrary, reached: torch.Tensor, standing: torch.Tensor) -> float:
@@ -79,7 +79,7 @@ def _reproduced(library: MotionLibrary, reached: torch.Tensor, standing: torch.T
 
 def clip_means(library: MotionLibrary, samples: int = 64) -> torch.Tensor:
     """(clips, 10 + 2J) mean style frame of every clip, from ``samples`` equally spaced moments each."""
-    clips = torch.arange(len(library)).repeat_interleave(samples)
-    share = torch.linspace(0.0, 1.0, samples).repeat(len(library))
+    clips = torch.arange(len(library), device=library.device).repeat_interleave(samples)
+    share = torch.linspace(0.0, 1.0, samples, device=library.device).repeat(len(library))
     frames = library.frames(clips, share * library.durations[clips])
     return style_frame(RobotState.from_motion(frames)).view(len(library), samples, -1).mean(dim=1)

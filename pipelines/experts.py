@@ -11,10 +11,12 @@ from tensordict import TensorDict
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
+from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import TASKS, Task
+from lacoloco.pipelines.worlds import perhaps_any
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
@@ -92,7 +94,7 @@ class ExpertTrainer:
         strength = ramp(progress, *self.config.ramp)
         std = geometric(self.config.std, progress)
         set_std(algorithm.actor, std)
-        falls = reward = delta_sum = 0.0
+        tally = Tally()
         obs = self._observe()
         for _ in range(self.config.ppo.horizon):
             step = env.step(algorithm.act(obs))
@@ -100,17 +102,17 @@ class ExpertTrainer:
             next_obs = self._observe()
             algorithm.record(step.reward * self.config.reward_scale, step.fell, step.timed_out, next_obs, delta)
             env.reset(step.done)
-            obs = self._observe() if bool(step.done.any()) else next_obs
-            falls += float(step.fell.sum())
-            reward += float(step.reward.mean())
-            delta_sum += float(delta.mean()) if delta is not None else 0.0
+            obs = self._observe() if perhaps_any(step.done) else next_obs
+            tally.add(
+                falls=step.fell.sum(), reward=step.reward.mean(), delta=None if delta is None else delta.mean()
+            )
         algorithm.compute_returns(obs)
         figures = algorithm.update()
-        steps = self.config.ppo.horizon
+        steps, sums = self.config.ppo.horizon, tally.read()
         return figures | self._task_figures() | {
-            "reward": reward / steps,
-            "falls_per_1000_steps": 1000.0 * falls / self.samples_per_iteration,
-            "delta": delta_sum / steps,
+            "reward": sums["reward"] / steps,
+            "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
+            "delta": sums.get("delta", 0.0) / steps,
             **{f"violation_{name}": float(share) for name, share in self.terminations.violated.items()},
             "std": std,
         }

@@ -14,6 +14,7 @@ from lacoloco.pipelines.episodes import play_episodes
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
+from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy, load_policies, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
@@ -21,6 +22,7 @@ from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training import remove_checkpoints, train
+from lacoloco.pipelines.worlds import perhaps_any
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
@@ -124,7 +126,8 @@ class HighTrainer:
         self.latent_dim = low.head.sizes["latent"]
         self.env = LatentSteeredEnv(env, low, self.latent_dim)
         # Whole decisions only, so that time-outs stay on the boundary between two latents.
-        env.steps = HOLD_STEPS * torch.randint(0, env.task.episode_steps // HOLD_STEPS, (config.worlds,), generator=env.draw)
+        decisions = (env.task.episode_steps // HOLD_STEPS, (config.worlds,))
+        env.steps = HOLD_STEPS * torch.randint(0, *decisions, generator=env.draw, device=env.device)
         sizes = {POLICY: width(self.env.terms)}
         self.algorithm = Ppo(sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device)
         self.head = Head("high", sizes, self.latent_dim, config.networks, layout(self.env.terms), "reach")
@@ -142,22 +145,23 @@ class HighTrainer:
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
         obs = self._observe()
-        reward = falls = errors = ended = 0.0
+        tally = Tally()
         for _ in range(config.ppo.horizon):
             decision = env.step(project(algorithm.act(obs)))
             next_obs = self._observe()
             algorithm.record(decision.reward * config.reward_scale, decision.fell, decision.timed_out, next_obs)
             env.reset(decision.done)
-            obs = self._observe() if bool(decision.done.any()) else next_obs
-            reward += float(decision.reward.mean()) / config.ppo.horizon
-            falls += float(decision.fell.sum())
-            ended += float(decision.done.sum())
-            errors += float(decision.error[decision.done].sum())
+            obs = self._observe() if perhaps_any(decision.done) else next_obs
+            errors = torch.where(decision.done, decision.error, 0.0).sum()
+            tally.add(
+                reward=decision.reward.mean(), falls=decision.fell.sum(), ended=decision.done.sum(), errors=errors
+            )
         algorithm.compute_returns(obs)
         figures = algorithm.update()
-        if ended:
-            figures |= {"final_error": errors / ended, "falls_per_episode": falls / ended}
-        return figures | {"reward": reward, "std": std, "episodes": ended}
+        sums = tally.read()
+        if ended := sums["ended"]:
+            figures |= {"final_error": sums["errors"] / ended, "falls_per_episode": sums["falls"] / ended}
+        return figures | {"reward": sums["reward"] / config.ppo.horizon, "std": std, "episodes": ended}
 
     def policy(self) -> Policy:
         """The trained actor, deterministic; its output is projected to the sphere by whoever uses it."""

@@ -19,6 +19,7 @@ from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import PpoConfig
+from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
@@ -142,7 +143,7 @@ class LowTrainer:
         self.env.stagger()
         self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)
         self.terminations = SoftTerminations({c.name: c.max_p for c in task.constraints})
-        self.draw = torch.Generator().manual_seed(seed + 2)
+        self.draw = torch.Generator(device).manual_seed(seed + 2)
         sizes = {POLICY: width(self.env.terms), LATENT: config.latents.dim}
         self.algorithm = Ase(
             sizes,
@@ -176,7 +177,7 @@ class LowTrainer:
         std = geometric(config.std, progress / config.std_until)
         set_std(algorithm.actor, std)
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
-        falls = speed = delta_sum = 0.0
+        tally = Tally()
         frame, obs = env.frame(), self._observe()
         for _ in range(config.ppo.horizon):
             step = env.step(algorithm.act(obs))
@@ -184,19 +185,19 @@ class LowTrainer:
             delta = self.terminations(step.violations, strength) if step.violations else None
             algorithm.record_transition(frame, next_frame, step.valid)
             algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
-            falls += float(step.fell.sum())
-            speed += float(env.state.lin_vel_b[:, :2].norm(dim=-1).mean())
-            delta_sum += float(delta.mean()) if delta is not None else 0.0
+            speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
+            tally.add(falls=step.fell.sum(), speed=speed, delta=None if delta is None else delta.mean())
             env.reset(step.done)
             self.latents.advance(step.done)
             frame, obs = env.frame(), self._observe()
         algorithm.compute_returns(obs)
         figures = algorithm.update()
-        self.recent_falls.append(falls)
+        sums = tally.read()
+        self.recent_falls.append(sums["falls"])
         return figures | {
-            "speed": speed / config.ppo.horizon,
-            "falls_per_1000_steps": 1000.0 * falls / self.samples_per_iteration,
-            "delta": delta_sum / config.ppo.horizon,
+            "speed": sums["speed"] / config.ppo.horizon,
+            "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
+            "delta": sums.get("delta", 0.0) / config.ppo.horizon,
             "violations": sum(float(share) for share in self.terminations.violated.values()),
             "std": std,
         }

@@ -82,6 +82,7 @@ class Ppo(PPO):
             {"params": list(self.critic.parameters()), "lr": config.critic_learning_rate},
         ]
         self.optimizer = torch.optim.Adam(groups, fused=True)
+        self._set_learning_rate(config.learning_rate)
         self.sampling_probability = deterministic_schedule(num_worlds, config.deterministic_share).to(device)
         shape = (config.horizon, num_worlds)
         self.delta, self.next_values = torch.zeros(shape, device=device), torch.zeros(shape, device=device)
@@ -174,9 +175,15 @@ class Ppo(PPO):
         self.actor.update_normalization(observations)
         self.critic.update_normalization(observations)
         figures = {name: float(total) / count for name, total in totals.items()}
-        figures |= {"learning_rate": self.learning_rate, "explained_variance": self._explained_variance()}
+        figures |= {"learning_rate": float(self.learning_rate), "explained_variance": self._explained_variance()}
         self.storage.clear()
         return figures
+
+    def load(self, loaded_dict: dict, load_cfg: dict | None = None, strict: bool = True) -> bool:
+        """Restore rsl_rl's ``save``; the learning rate comes back to where it is used."""
+        iteration = super().load(loaded_dict, load_cfg, strict)
+        self._set_learning_rate(self.learning_rate)
+        return iteration
 
     def _loss(self, batch: RolloutStorage.Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         config = self.config
@@ -208,12 +215,19 @@ class Ppo(PPO):
         old_mean, old_std = batch.old_distribution_params
         terms = (std / old_std).log() + (old_std.square() + (old_mean - mean).square()) / (2 * std.square()) - 0.5
         kl = (terms.sum(dim=-1) * weight).sum()
-        if kl > 2.0 * self.config.desired_kl:
-            self.learning_rate = max(self.config.min_learning_rate, self.learning_rate / 1.5)
-        elif kl < 0.5 * self.config.desired_kl:
-            self.learning_rate = min(self.config.max_learning_rate, self.learning_rate * 1.5)
-        self.optimizer.param_groups[0]["lr"] = self.learning_rate
+        config, rate = self.config, self.learning_rate
+        slower = (rate / 1.5).clamp_min(config.min_learning_rate)
+        faster = (rate * 1.5).clamp_max(config.max_learning_rate)
+        rate = torch.where(kl < 0.5 * config.desired_kl, faster, rate)
+        self._set_learning_rate(torch.where(kl > 2.0 * config.desired_kl, slower, rate))
         return kl
+
+    def _set_learning_rate(self, rate: float | torch.Tensor) -> None:
+        """The actor's rate is a 0-d tensor where it is used, so that adapting it never waits for a GPU."""
+        on_gpu = self.optimizer.param_groups[0]["params"][0].is_cuda
+        precision = torch.float32 if on_gpu else torch.float64  # what the fused kernels take
+        self.learning_rate = torch.as_tensor(rate, dtype=precision, device=self.device)
+        self.optimizer.param_groups[0]["lr"] = self.learning_rate
 
     def _explained_variance(self) -> float:
         returns, values = self.storage.returns, self.storage.values
