@@ -40,12 +40,27 @@ def chain(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_generate_says_that_it_trains_experts(tmp_path):
+def test_generate_says_which_experts_perform(tmp_path):
     chain = Chain(tmp_path / "runs")
-    result = chain.invoke("generate", "--preset", "smoke", "--run", "tiny")
-    assert result.exit_code == 0, result.stderr
-    assert "training" in result.stderr
-    again = chain.invoke("generate", "--preset", "smoke")
+    generate = ("generate", "--preset", "smoke", "--run", "tiny")
+    published = chain.invoke(*generate)
+    assert published.exit_code == 0, published.stderr
+    assert "--retrain" in published.stderr
+    assert "expert walk" not in published.stderr
+    retrained = chain.invoke(*generate, "--retrain")
+    assert retrained.exit_code == 0, retrained.stderr
+    assert "expert walk" in retrained.stderr
+    assert len(chain.store.all("tiny", "experts")) == 1
+
+
+@pytest.mark.slow
+def test_generate_says_that_it_trains_experts_where_none_are_published(tmp_path):
+    chain = Chain(tmp_path / "runs")
+    generate = ("generate", "--preset", "smoke", "--run", "tiny", "--robot", "h1")
+    first = chain.invoke(*generate)
+    assert first.exit_code == 0, first.stderr
+    assert "training" in first.stderr
+    again = chain.invoke(*generate)
     assert again.exit_code == 0
     assert "training" not in again.stderr
 

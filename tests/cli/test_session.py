@@ -14,7 +14,9 @@ import typer
 from typer.testing import CliRunner
 
 from lacoloco.datasets.errors import DatasetError
+from lacoloco.datasets.store import RunStore  # noqa: F401  loaded before folders turn read-only
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.stage import StageContext  # noqa: F401
 from lacoloco.robots.errors import RobotError
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import READING
@@ -234,6 +236,14 @@ def test_device_that_is_not_there_is_refused(device, monkeypatch):
     result = invoke(lambda session: session.context(), "--device", device)
     assert result.exit_code == 2
     assert f"--device {device}" in result.stderr
+
+
+def test_read_only_runs_folder_is_one_line_that_names_it(read_only_folder, monkeypatch):
+    monkeypatch.setenv("LACOLOCO_RUNS", str(read_only_folder / "runs"))
+    result = invoke(lambda session: session.context())
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert str(read_only_folder) in result.stderr
 
 
 def test_run_defaults_to_the_one_used_last():
