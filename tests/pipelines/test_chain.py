@@ -32,7 +32,7 @@ def context_in(folder, **options):
 def walk_the_chain(folder, robot):
     """Run every stage on the smoke preset."""
     context = context_in(folder, seed=1)
-    made = generate.run(generate.smoke(), context, robot=robot)
+    made = generate.run(generate.smoke(), context, robot=robot, retrain=True)
     low = train_low.run(train_low.smoke(), context, motions=[made.artifact])
     high = train_high.run(train_high.smoke(), context, low=low.artifact)
     return SimpleNamespace(context=context, made=made, low=low, high=high, robot=robot)
