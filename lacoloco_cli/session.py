@@ -49,6 +49,8 @@ class Session:
     as_json: bool = False
     quiet: bool = False
     debug: bool = False
+    resumable: bool = False
+    """Whether the verb has `--resume`."""
     _answer: dict[str, Any] | None = field(default=None, init=False)
 
     @cached_property
@@ -173,6 +175,7 @@ def verb(
             given["overrides"] = given.get("overrides") or ()
             arguments = (ctx.obj or {}).get("arguments") or [ctx.info_name]
             session = Session(verb=ctx.info_name or "", arguments=arguments, **given)
+            session.resumable = "resume" in names
             session.run = session.run or values.get(names_run or "")
             with guarded(session):
                 if session.resume:
@@ -208,7 +211,7 @@ def guarded(session: Session) -> Iterator[None]:
         except (KeyboardInterrupt, typer.Abort):
             _stop_progress(session)
             code, line = INTERRUPTED, "interrupted"
-            if session.preset is not None:
+            if session.resumable:
                 line = f"interrupted; continue with: {session.resume_command()}"
             console.note(line)
         except Exception as error:  # the last frame: everything becomes one line
