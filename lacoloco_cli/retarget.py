@@ -8,11 +8,13 @@ from typing import Annotated, Any
 import typer
 
 from lacoloco_cli import console
+from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import Robot
 from lacoloco_cli.session import Session, path_text, verb
 
 app = typer.Typer()
 
+MODES = ("clip", "paper")
 INCOMPLETE = 1
 """Exit code when some files gave clips and others did not."""
 
@@ -27,6 +29,14 @@ def retarget(
         ),
     ] = None,
     robot: Robot = "solo12",
+    mode: Annotated[
+        str | None,
+        typer.Option(
+            "--mode",
+            metavar="clip|paper",
+            help="All frames together, feet planted (default), or frame by frame as in the paper.",
+        ),
+    ] = None,
     scale: Annotated[
         str | None,
         typer.Option(
@@ -48,7 +58,9 @@ def retarget(
     """Turn motion capture (.bvh) into motions of the robot."""
     from lacoloco.pipelines import retarget as stage
 
-    given = {"scale": scale, "up_axis": up_axis, "unit": unit, "licence": licence}
+    if mode not in (None, *MODES):
+        raise UserError(f"--mode {mode}: use {' or '.join(MODES)}")
+    given = {"mode": mode, "scale": scale, "up_axis": up_axis, "unit": unit, "licence": licence}
     given = {key: value for key, value in given.items() if value is not None}
     config = replace(session.config(stage.PRESETS), **given)
     result = stage.run(config, session.context(), robot=robot, sources=sources or ())
@@ -67,7 +79,9 @@ def _show(payload: dict[str, Any]) -> None:
         "keypoint_error_max_m": "max m",
         "foot_skate_mean_m_s": "skate m/s",
         "ground_penetration_max_m": "sunk m",
+        "contact_agreement": "contacts",
         "joint_limit_hits": "limit hits",
+        "joint_speed_hits": "speed hits",
         "solver_failures": "failures",
     }
     rows = [[clip[key] for key in columns] for clip in payload["clips"]]

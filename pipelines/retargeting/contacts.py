@@ -17,15 +17,15 @@ class ContactRule:
     rolls and slips in a gallop.
     """
 
-    land_height: float = 0.03
+    land_height: float = 0.025
     """m above where the paw stands."""
-    lift_height: float = 0.05
-    land_speed: float = 0.3
+    lift_height: float = 0.035
+    land_speed: float = 0.25
     """m/s."""
-    lift_speed: float = 0.5
-    land_speed_share: float = 0.3
+    lift_speed: float = 0.4
+    land_speed_share: float = 0.25
     """Times the speed of the animal."""
-    lift_speed_share: float = 0.45
+    lift_speed_share: float = 0.35
     shortest_contact: float = 0.03
     """s; a shorter touch is none."""
     shortest_swing: float = 0.05

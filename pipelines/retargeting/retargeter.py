@@ -1,0 +1,183 @@
+"""From one recording to one clip, in either mode."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+
+from lacoloco.datasets.clip import Clip
+from lacoloco.datasets.mocap import Mocap
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.kinematics import BodyPositions
+from lacoloco.pipelines.retargeting import quality
+from lacoloco.pipelines.retargeting.body_map import body_map, leg_geometry
+from lacoloco.pipelines.retargeting.clip_problem import ClipProblem, ClipWeights
+from lacoloco.pipelines.retargeting.filters import lower_envelope
+from lacoloco.pipelines.retargeting.pose_problem import (
+    PoseProblem,
+    TrackedMotion,
+    retarget_bounds,
+)
+from lacoloco.pipelines.retargeting.targets import Targets, fitted_targets, plain_targets
+from lacoloco.robots.spec import RobotSpec
+
+Mode = Literal["paper", "clip"]
+
+GROUND_REACH = 0.5
+"""s; a clip is set on the ground by its lowest feet within this time, so that leaps stay leaps."""
+
+Say = Callable[[str], None]
+
+
+class Retargeter:
+    """One robot with its programs, built once for all recordings."""
+
+    def __init__(
+        self, spec: RobotSpec, mode: Mode, scale: str, posture_weight: float, weights: ClipWeights
+    ) -> None:
+        """Build them.
+
+        Args:
+            spec: The robot.
+            mode: "paper", one program per frame; "clip", one for all frames.
+            scale: See `parse_scale`; "" for what suits the mode.
+            posture_weight: Of the paper's program.
+            weights: Of the clip's program.
+
+        Raises:
+            StageError: The robot cannot be retargeted to, or the scale is none.
+        """
+        self.spec = spec
+        self._scale = parse_scale(scale or ("none" if mode == "paper" else "auto"))
+        if mode == "clip" and self._scale is None:
+            raise StageError(
+                "scale 'none': feet cannot be planted so; use auto, a factor, or paper mode"
+            )
+        self._poses = PoseProblem(spec, posture_weight)
+        self._map = body_map(spec)
+        self._legs = leg_geometry(spec, self._map)
+        self._clips = None
+        if mode == "clip":
+            self._clips = ClipProblem(spec, self._map, self._legs, weights)
+        self._positions = BodyPositions(
+            spec.pinocchio_model(), (*spec.keypoints.values(), *spec.feet)
+        )
+        self._radius = spec.foot_radius()
+        self.frames, self.seconds = 0, 0.0
+
+    @property
+    def frames_per_second(self) -> float:
+        """Frames retargeted so far per second of one core, reading and building left out."""
+        return self.frames / self.seconds if self.seconds else 0.0
+
+    def clip(
+        self,
+        mocap: Mocap,
+        name: str,
+        *,
+        on_frame: Callable[[int], None] = lambda done: None,
+        say: Say = lambda line: None,
+        **about: str,
+    ) -> tuple[Clip, dict[str, Any]]:
+        """Retarget one recording.
+
+        Args:
+            mocap: The recording.
+            name: Name of the clip.
+            on_frame: Told the number of frames done.
+            say: Told what a person should know.
+            **about: `skill`, `source` and `licence` of the clip.
+
+        Returns:
+            The clip and its quality.
+
+        Raises:
+            DatasetError: The skeleton lacks a joint.
+            StageError: No frame could be solved.
+        """
+        started = time.process_time()
+        targets = self._targets(mocap)
+        motion, lift, failures = self._solve(targets, mocap.fps, on_frame, say)
+        self.frames += mocap.frames
+        self.seconds += time.process_time() - started
+        points = self._positions(motion.root_pos, motion.root_quat, motion.joint_pos)
+        keypoints, feet = np.split(points, [len(self.spec.keypoints)], axis=1)
+        clip = Clip.from_poses(
+            name,
+            mocap.fps,
+            self.spec.joint_names,
+            motion.root_pos + lift,
+            motion.root_quat,
+            motion.joint_pos,
+            contacts=targets.contacts,
+            **about,
+        )
+        limits = np.array(self.spec.velocity_limits)
+        bounds = retarget_bounds(self.spec)
+        figures = {
+            "name": name,
+            "frames": clip.frames,
+            **quality.clip_quality(
+                keypoints, feet + lift[:, None], targets, self._radius, mocap.fps
+            ),
+            **quality.joint_quality(motion.joint_pos, bounds, limits, mocap.fps),
+            "solver_failures": failures,
+        }
+        return clip, figures
+
+    def _targets(self, mocap: Mocap) -> Targets:
+        if self._scale is None:
+            return plain_targets(mocap, tuple(self.spec.keypoints), self._map)
+        factor = None if self._scale == "auto" else self._scale
+        return fitted_targets(mocap, self._map, self._legs, self._radius, factor)
+
+    def _solve(
+        self, targets: Targets, fps: float, on_frame: Callable[[int], None], say: Say
+    ) -> tuple[TrackedMotion, np.ndarray, int]:
+        """Motion, lift (T, 3) onto the ground, and number of frames without a solution."""
+        if self._clips is not None:
+            motion = self._clips.track(targets, fps, on_frame)
+            if motion is not None:
+                return motion, np.zeros_like(motion.root_pos), 0
+            say("the program of the whole clip did not converge; solved frame by frame instead")
+        motion = self._poses.track(targets.points, on_frame)
+        points = self._positions(motion.root_pos, motion.root_quat, motion.joint_pos)
+        lift = ground_lift(points[:, len(self.spec.keypoints) :, 2], self._radius, fps)
+        failures = len(lift) if self._clips is not None else int(motion.failed.sum())
+        return motion, lift, failures
+
+
+def parse_scale(text: str) -> float | Literal["auto"] | None:
+    """Read a scale: None for "none", "auto", or a positive factor.
+
+    Raises:
+        StageError: It is something else.
+    """
+    if text in ("none", "auto"):
+        return None if text == "none" else "auto"
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = 0.0
+    if not 0.0 < factor < np.inf:
+        raise StageError(f"scale '{text}': use none, auto or a positive factor")
+    return factor
+
+
+def ground_lift(feet_height: np.ndarray, radius: float, fps: float) -> np.ndarray:
+    """Shift (T, 3) that sets a clip on the ground as a whole.
+
+    The paper moves every frame until its lowest foot touches, which deletes all flight and shakes
+    the base. Here the shift follows the lowest feet of the surrounding second, smoothly, and never
+    leaves a foot in the ground.
+
+    Args:
+        feet_height: (T, F) heights of the centres of the foot spheres, m.
+        radius: Of the spheres, m.
+        fps: Frames per second.
+    """
+    lowest = lower_envelope(feet_height.min(1), max(int(GROUND_REACH * fps), 1))
+    return np.stack([0 * lowest, 0 * lowest, radius - lowest], axis=1)
