@@ -1,0 +1,93 @@
+"""`lacoloco bench`: speed of the environments, of the training and of retargeting, next to the raw engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lacoloco_cli import console
+from lacoloco_cli.failures import UserError
+from lacoloco_cli.options import READING, STAGE, Robot
+from lacoloco_cli.session import Session, check_device, verb
+
+if TYPE_CHECKING:
+    from lacoloco.pipelines.bench import BenchConfig
+
+app = typer.Typer(no_args_is_help=True, help="Measure speed next to the raw engine.")
+
+MEASURING = (*(p for p in STAGE if p.name in ("preset", "overrides", "device")), *READING)
+"""Shared options of a measurement: it belongs to no run."""
+
+
+@verb(app, "sim", shared=MEASURING)
+def bench_sim(
+    session: Session,
+    robot: Robot = "solo12",
+    task: Annotated[
+        str, typer.Option("--task", metavar="NAME", help="walk, reach_in_place, imitate or reach.")
+    ] = "walk",
+) -> None:
+    """Environments: physics, rewards, constraints, resets and observations."""
+    from lacoloco.pipelines import bench
+    from lacoloco.pipelines.sim.tasks import TASKS
+
+    if task not in TASKS:
+        raise UserError(f"--task {task}: use one of {', '.join(TASKS)}")
+    config = _config(session)
+    _show(session, bench.bench_sim(config, robot=robot, task=task, device=session.device))
+
+
+@verb(app, "train", shared=MEASURING)
+def bench_train(
+    session: Session,
+    robot: Robot = "solo12",
+    disc: Annotated[
+        str, typer.Option("--disc", metavar="gan|drail", help="Discriminator.")
+    ] = "drail",
+    cat: Annotated[
+        bool, typer.Option("--cat/--no-cat", help="Constraints as terminations.")
+    ] = True,
+) -> None:
+    """The whole low-level training on made-up clips, and where its time goes."""
+    from lacoloco.pipelines import bench
+
+    if disc not in ("gan", "drail"):
+        raise UserError(f"--disc {disc}: use gan or drail")
+    config = _config(session)
+    answer = bench.bench_train(config, robot=robot, disc=disc, cat=cat, device=session.device)
+    _show(session, answer)
+
+
+@verb(app, "retarget", shared=READING)
+def bench_retarget(
+    session: Session,
+    sources: Annotated[
+        list[Path] | None, typer.Argument(metavar="[BVH]...", help="Default: the bundled dog.")
+    ] = None,
+    robot: Robot = "solo12",
+) -> None:
+    """Retargeting on one core, next to a program built anew for every frame."""
+    from lacoloco.pipelines.retargeting.bench import bench_retarget as measure
+
+    _show(session, {"robot": robot, **measure(robot, sources or ())})
+
+
+def _config(session: Session) -> BenchConfig:
+    from lacoloco.pipelines.bench import PRESETS
+
+    check_device(session.device)
+    return session.config(PRESETS)
+
+
+def _show(session: Session, figures: Mapping[str, Any]) -> None:
+    def show() -> None:
+        facts = [(name, value) for name, value in figures.items() if name != "shares"]
+        console.print_table(["figure", "value"], facts)
+        if "shares" in figures:
+            shares = [(name, 100.0 * share) for name, share in figures["shares"].items()]
+            console.print_table(["part", "% of the time"], shares)
+
+    session.answer(figures, show)

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from lacoloco_cli.main import app
+
+SMOKE = ("--preset", "smoke")
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ["bench", *arguments])
+
+
+def answer(*arguments):
+    result = invoke(*arguments, "--json")
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def test_sim_gives_a_rate_and_a_ratio():
+    figures = answer("sim", *SMOKE)
+    assert figures["steps_per_second"] > 0
+    assert figures["ratio_to_engine"] > 0
+    assert (figures["robot"], figures["task"], figures["worlds"]) == ("solo12", "walk", 8)
+    assert sum(figures["shares"].values()) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_sim_takes_another_task_robot_and_size():
+    figures = answer("sim", "--task", "reach", "--robot", "h1", "--set", "worlds=3", *SMOKE)
+    assert (figures["robot"], figures["task"], figures["worlds"]) == ("h1", "reach", 3)
+
+
+@pytest.mark.slow
+def test_train_gives_a_rate_and_a_ratio():
+    figures = answer("train", "--disc", "gan", "--no-cat", *SMOKE)
+    assert figures["method"] == "gan"
+    assert figures["steps_per_second"] > 0 and figures["ratio_to_engine"] > 0
+
+
+@pytest.mark.slow
+def test_retarget_gives_a_rate_and_a_ratio():
+    figures = answer("retarget")
+    assert figures["frames_per_second"] > 0 and figures["ratio_to_engine"] > 0
+
+
+def test_a_person_sees_the_ratio_and_where_the_time_goes():
+    printed = invoke("sim", *SMOKE).stdout
+    assert "steps_per_second" in printed and "ratio_to_engine" in printed
+    assert "physics" in printed and "%" in printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["sim", "--task", "dance"], "walk"),
+        (["sim", "--robot", "solo13"], "solo12"),
+        (["train", "--disc", "wgan"], "gan or drail"),
+        (["sim", "--set", "wrlds=3"], "'worlds'"),
+        (["retarget", "no_such.bvh"], "no_such.bvh"),
+    ],
+)
+def test_what_does_not_exist_is_refused(arguments, said):
+    result = invoke(*arguments)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert said in result.stderr
