@@ -1,0 +1,194 @@
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from lacoloco.datasets import rotations
+from lacoloco.datasets.mocap import load_bvh
+from lacoloco.datasets.samples import DOG_BVH
+from lacoloco.pipelines.kinematics import BodyPositions
+from lacoloco.pipelines.retargeting import clip_problem, clip_program
+from lacoloco.pipelines.retargeting.body_map import body_map, leg_geometry
+from lacoloco.pipelines.retargeting.clip_problem import ClipProblem, ClipWeights
+from lacoloco.pipelines.retargeting.clip_program import solve_stretch, turn_pull
+from lacoloco.pipelines.retargeting.pose_problem import JOINTS, TURN, PoseProblem, retarget_bounds
+from lacoloco.pipelines.retargeting.quality import foot_quality, joint_quality
+from lacoloco.pipelines.retargeting.targets import Targets, fitted_targets
+from lacoloco.robots.registry import load_robot
+
+SPEC = load_robot("solo12")
+MAP = body_map(SPEC)
+LEGS = leg_geometry(SPEC, MAP)
+RADIUS = SPEC.foot_radius()
+POSITIONS = BodyPositions(SPEC.pinocchio_model(), list(SPEC.keypoints.values()))
+KNEES = BodyPositions(SPEC.pinocchio_model(), SPEC.knee_frames)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return ClipProblem(SPEC, MAP, LEGS, ClipWeights())
+
+
+@pytest.fixture(scope="module")
+def trot():
+    """Two seconds in which the bundled dog goes over from walking to trotting."""
+    return fitted_targets(load_bvh(DOG_BVH).slice(300, 420), MAP, LEGS, RADIUS)
+
+
+def points_of(motion):
+    return POSITIONS(motion.root_pos, motion.root_quat, motion.joint_pos)
+
+
+def check(motion, targets, fps=60.0):
+    """What must hold for every clip."""
+    points = points_of(motion)
+    feet = foot_quality(points[:, MAP.foot_columns], targets.contacts, RADIUS, fps)
+    assert feet["foot_skate_mean_m_s"] < 1e-3
+    assert feet["ground_penetration_max_m"] < 1e-3
+    assert feet["stance_float_max_m"] < 1e-3
+    limits = np.array(SPEC.velocity_limits)
+    joints = joint_quality(motion.joint_pos, retarget_bounds(SPEC), limits, fps)
+    assert joints["joint_limit_hits"] == joints["joint_speed_hits"] == 0
+    knees = KNEES(motion.root_pos, motion.root_quat, motion.joint_pos)[..., 2]
+    assert knees.min() > ClipWeights().knee_height - 1e-3
+    return points
+
+
+def test_feet_are_planted_and_keypoints_followed(problem, trot):
+    motion = problem.track(trot, 60.0)
+    points = check(motion, trot)
+    paper = points_of(PoseProblem(SPEC).track(trot.points))
+    error, papers = (np.linalg.norm(p - trot.points, axis=-1).mean() for p in (points, paper))
+    assert error < papers
+
+
+def test_motion_is_smoother_than_frame_by_frame(problem, trot):
+    clip, paper = problem.track(trot, 60.0), PoseProblem(SPEC).track(trot.points)
+    jerk = [np.abs(np.diff(motion.joint_pos, 3, axis=0)).max() for motion in (clip, paper)]
+    assert jerk[0] < jerk[1]
+
+
+def test_where_the_animal_looks_does_not_matter(problem, trot):
+    quat = rotations.from_yaw(np.array(2.5))
+    turned = replace(trot, points=rotations.rotate(quat[None, None], trot.points))
+    here, there = problem.track(trot, 60.0), problem.track(turned, 60.0)
+    np.testing.assert_allclose(there.joint_pos, here.joint_pos, atol=5e-3)
+
+
+def test_half_the_frames_give_the_same_motion(problem, trot):
+    sampled = Targets(trot.points[::2], trot.contacts[::2], trot.scale)
+    fast, slow = problem.track(trot, 60.0), problem.track(sampled, 30.0)
+    check(slow, sampled, 30.0)
+    assert np.abs(fast.joint_pos[::2] - slow.joint_pos).mean() < 0.05
+
+
+@pytest.mark.parametrize("frames", [2, 3, 4, 7])
+def test_short_clips(problem, trot, frames):
+    targets = Targets(trot.points[:frames], trot.contacts[:frames], trot.scale)
+    assert problem.track(targets, 60.0).joint_pos.shape == (frames, 12)
+
+
+def test_an_animal_that_sits_leaves_the_knees_above_the_ground(problem, trot):
+    sitting = np.tile(trot.points[60], (60, 1, 1))
+    sitting[:, MAP.foot_columns, 2] = RADIUS
+    hips = [MAP.hip_columns[2], MAP.hip_columns[3]]
+    sitting[:, hips, 2] -= np.linspace(0, 0.3, len(sitting))[:, None]
+    targets = Targets(sitting, np.ones((60, 4), bool), trot.scale)
+    check(problem.track(targets, 60.0), targets)
+
+
+def test_speed_limits_hold_where_the_animal_is_too_fast(problem, trot):
+    fast = Targets(trot.points, trot.contacts, trot.scale)
+    motion = problem.track(fast, 110.0)  # the same frames in half the time
+    speed = np.abs(np.diff(motion.joint_pos, axis=0)) * 110.0
+    assert speed.max() < min(SPEC.velocity_limits)
+    free = problem.track(fast, 60.0)
+    assert np.abs(np.diff(free.joint_pos, axis=0)).max() * 110.0 > speed.max()
+
+
+def test_knees_do_not_change_sides(problem, trot):
+    high = trot.points.copy()
+    high[:, MAP.hip_columns, 2] += 0.2  # out of reach: the legs would be straight
+    motion = problem.track(Targets(high, trot.contacts, trot.scale), 60.0)
+    assert (motion.joint_pos[:, 2::3] < -0.09).all()
+
+
+def test_stretches_of_a_long_clip_join_smoothly(problem, trot, monkeypatch):
+    whole = problem.track(trot, 60.0)
+    monkeypatch.setattr(clip_problem, "LONGEST", 50)
+    monkeypatch.setattr(clip_problem, "LOOK_AHEAD", 20)
+    done = []
+    parts = problem.track(trot, 60.0, done.append)
+    assert done == [50, 100, 120]
+    check(parts, trot)
+    np.testing.assert_allclose(parts.joint_pos, whole.joint_pos, atol=0.02)
+    jerk = [np.abs(np.diff(motion.joint_pos, 3, axis=0)).max() for motion in (parts, whole)]
+    assert jerk[0] < 1.2 * jerk[1]
+
+
+def test_no_solution_is_none(problem, trot, monkeypatch):
+    monkeypatch.setattr(clip_program, "OPTIONS", {**clip_program.OPTIONS, "ipopt.max_iter": 0})
+    assert problem.track(trot, 60.0) is None
+
+
+def test_the_assembled_derivatives_are_those_of_casadi(problem, trot):
+    stretch = problem._stretch(Targets(trot.points[:6], trot.contacts[:6], 1.0), 60.0)
+    functions, smoothness = problem._functions, problem._smoothness
+    rows = [0, 3, 14, 21, 60, 125, 140]
+    solver = clip_program._build(functions, 6, smoothness, rows, clip_program.OPTIONS)
+    rng = np.random.default_rng(0)
+    x = stretch.guess.ravel() + rng.normal(0, 0.05, stretch.guess.size)
+    p = np.concatenate([stretch.parameters.ravel(), rng.normal(size=stretch.guess.size)])
+    symbol = ca.MX.sym("x", x.size)
+    cost, gradient = solver.get_function("nlp_grad_f")(symbol, p)
+    values, jacobian = solver.get_function("nlp_jac_g")(symbol, p)
+    multipliers = rng.normal(size=len(rows))
+    scale = 0.7
+    lagrangian = scale * cost + ca.dot(multipliers, values)
+    hessian = solver.get_function("nlp_hess_l")(x, p, scale, multipliers)
+    derived = ca.Function(
+        "derived",
+        [symbol],
+        [
+            gradient,
+            ca.gradient(cost, symbol),
+            jacobian,
+            ca.jacobian(values, symbol),
+            ca.hessian(lagrangian, symbol)[0],
+        ],
+    )
+    ours, theirs, rows_ours, rows_theirs, curvature = (np.array(part) for part in derived(x))
+    np.testing.assert_allclose(ours, theirs, atol=1e-9)
+    np.testing.assert_allclose(rows_ours, rows_theirs, atol=1e-9)
+    upper = np.array(ca.DM(hessian))
+    np.testing.assert_allclose(upper, np.triu(curvature), atol=1e-8)
+
+
+def test_the_pull_makes_roughness_that_of_the_whole_orientation():
+    rng = np.random.default_rng(1)
+    weights = np.zeros(18)
+    weights[TURN] = 2.0
+    turns = 0.01 * rng.normal(size=(8, 3))
+    steps = np.concatenate([[np.zeros(3)], 0.1 * rng.normal(size=(7, 3))])
+    reference = [np.array([1.0, 0.0, 0.0, 0.0])]
+    for step in steps[1:]:
+        reference.append(rotations.multiply(reference[-1], rotations.exp_map(step)))
+    pull = turn_pull(np.array(reference), weights)
+    rough = np.diff(turns, 3, axis=0) + np.diff(steps[1:], 2, axis=0)
+    constant = (np.diff(steps[1:], 2, axis=0) ** 2).sum()
+    alone = (np.diff(turns, 3, axis=0) ** 2).sum()
+    expected = 2.0 * ((rough**2).sum() - constant - alone)
+    assert (pull[:, TURN] * turns).sum() == pytest.approx(expected)
+    assert not pull[:, JOINTS].any()
+
+
+def test_rows_that_were_left_out_are_added_when_broken(problem, trot, monkeypatch):
+    monkeypatch.setattr(clip_program, "NEAR", 0.0)
+    monkeypatch.setattr(clip_program, "FAST", 0.0)
+    stretch = problem._stretch(trot, 60.0)
+    found = solve_stretch(problem._functions, stretch, problem._smoothness)
+    lower, upper = stretch.value_bounds
+    values = np.array(problem._functions.values(found.T, stretch.parameters.T)).T
+    assert (values > lower - 1e-3).all()
+    assert (values < upper + 1e-3).all()
