@@ -177,8 +177,10 @@ class LeggedEnv:
         )
 
     def end_effector(self) -> torch.Tensor:
-        """(N, 3) world position of the end effector [m]."""
-        return self._chain(self.physics.qpos)
+        """(N, 3) world position of the end effector [m]; computed once per state."""
+        if self._tip is None:
+            self._tip = self._chain(self.physics.qpos)
+        return self._tip
 
     def target_error(self) -> torch.Tensor:
         """(N,) distance of the end effector from its target [m]."""
@@ -211,6 +213,7 @@ class LeggedEnv:
 
     def _read(self) -> None:
         self.state = RobotState.from_generalized(self.physics.qpos, self.physics.qvel)
+        self._tip: torch.Tensor | None = None
 
     def _reward(self) -> torch.Tensor:
         total = torch.zeros(self.num_worlds, device=self.device)
