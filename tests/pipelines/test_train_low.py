@@ -69,14 +69,21 @@ def test_the_transition_of_a_fall_ends_in_the_fall(make_trainer):
     assert halves(second)[0][3] < -0.5, "upright at the start of the next episode"
 
 
-def test_consecutive_transitions_of_an_episode_share_a_frame(make_trainer):
+def test_transitions_begin_where_the_one_before_ended_or_in_a_new_episode(make_trainer):
+    """Bug B4: half of the original's resets give (s_t, s_t), some with another world's gravity."""
     trainer = make_trainer(horizon=4)
     trainer.env.steps.fill_(0)
+    trainer.env.steps[::2] = trainer.env.task.episode_steps - 2
     trainer.iterate(0.0)
     before, after = halves(trainer.algorithm.transitions)
     going_on = ~trainer.algorithm.done[:-1]
     assert going_on.any()
+    assert not going_on.all()
     assert torch.equal(after[:-1][going_on], before[1:][going_on])
+    assert not (after[:-1] == before[1:]).all(dim=-1)[~going_on].any()
+    assert not (before == after).all(dim=-1).any()
+    # Every new episode starts upright, so its gravity is its own.
+    assert (before[1:][~going_on][:, 3] < -0.9).all()
 
 
 def test_what_the_discriminator_sees_is_clean(make_trainer):
@@ -108,11 +115,15 @@ def test_without_constraints_nothing_is_terminated_softly(make_trainer):
 
 
 def test_exploration_narrows_on_schedule(make_trainer):
-    trainer = make_trainer(std=(0.4, 0.1), std_until=0.5)
-    for progress, expected in ((0.0, 0.4), (0.25, 0.2), (0.5, 0.1), (0.9, 0.1)):
-        assert trainer.iterate(progress)["std"] == pytest.approx(expected, rel=1e-5)
+    trainer, seen = make_trainer(std=(0.4, 0.1)), []
+    for progress in (0.0, 0.3, 0.5, 0.7, 1.0):
+        seen.append(trainer.iterate(progress)["std"])
         std = trainer.algorithm.actor.distribution.log_std_param.exp()
-        assert torch.allclose(std, torch.tensor(expected))
+        assert torch.allclose(std, torch.tensor(seen[-1]))
+    assert seen[0] == pytest.approx(0.4)
+    assert seen[-1] == pytest.approx(0.1)
+    assert seen == sorted(seen, reverse=True)
+    assert len(set(seen)) > 2
 
 
 def test_a_new_episode_has_a_new_latent_and_its_last_state_the_old_one(make_trainer, monkeypatch):
