@@ -29,7 +29,7 @@ from lacoloco.pipelines.retargeting.quality import LIMIT_MARGIN
 from lacoloco.pipelines.retargeting.targets import Targets
 from lacoloco.robots.spec import RobotSpec
 
-COARSE = 15.0
+COARSE = 10.0
 """frames/s of the first solution."""
 LONGEST, LOOK_AHEAD, KEPT = 2000, 60, 3
 """Frames of a stretch; beyond its end that are solved with it; at its start that are fixed."""
