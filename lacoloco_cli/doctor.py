@@ -40,7 +40,7 @@ class Check:
 def doctor(session: Session) -> None:
     """Check the installation and say which engine would be used, and why."""
     checks = [check_python(), *check_requirements(), check_mujoco(), check_solver()]
-    checks.append(check_runs(session.store.root))
+    checks += [check_runs(session.store.root), check_simulation()]
     engine, reason = choose_engine()
     healthy = all(check.ok for check in checks)
     payload = {
@@ -120,6 +120,20 @@ def check_solver() -> Check:
         there = False
     fix = "" if there else "pip install --force-reinstall casadi"
     return Check("ipopt", there, "in casadi" if there else "missing", fix)
+
+
+def check_simulation() -> Check:
+    """Does the CPU engine run, and how fast about? `lacoloco bench sim` measures it properly."""
+    fix = "run `lacoloco robots check` and see which part fails"
+    try:
+        from lacoloco.pipelines.bench import BenchConfig, bench_sim
+
+        figures = bench_sim(BenchConfig(worlds=256, steps=10, rounds=3))
+    except Exception as error:  # whatever a broken installation raises is what is asked for
+        return Check("simulation", False, one_line(f"{type(error).__name__}: {error}"), fix)
+    rate, ratio = figures["steps_per_second"], figures["ratio_to_engine"]
+    found = f"about {console.rate_text(rate)} control steps/s, {ratio:.2f} of the bare engine"
+    return Check("simulation", True, found)
 
 
 def check_runs(root: Path) -> Check:

@@ -20,6 +20,7 @@ def test_healthy_installation():
     assert {"python", "mujoco", "torch", "pin", "casadi", "rsl-rl-lib", "runs folder"} <= names
     assert [check for check in report["checks"] if not check["ok"]] == []
     assert report["ok"] is True
+    assert "control steps/s" in report["checks"][-1]["found"]
     assert "mujoco.batch" in report["engine"] or "Warp" in report["engine"]
 
 
@@ -83,6 +84,17 @@ def test_read_only_runs_folder_is_found(read_only_folder):
     assert str(read_only_folder) in check.fix and "LACOLOCO_RUNS" in check.fix
 
 
+def test_simulation_that_does_not_run_is_found(monkeypatch):
+    from lacoloco.pipelines import bench
+
+    def broken(config):
+        raise OSError("libmujoco.so: cannot be opened")
+
+    monkeypatch.setattr(bench, "bench_sim", broken)
+    check = doctor.check_simulation()
+    assert not check.ok and "libmujoco.so" in check.found and check.fix
+
+
 def test_failing_check_is_exit_code_2_and_still_reported(monkeypatch):
     failing = doctor.Check("runs folder", False, "full", "delete something")
     monkeypatch.setattr(doctor, "check_runs", lambda root: failing)
@@ -90,7 +102,7 @@ def test_failing_check_is_exit_code_2_and_still_reported(monkeypatch):
     assert result.exit_code == 2
     report = json.loads(result.stdout)
     assert report["ok"] is False
-    assert report["checks"][-1] == {
+    assert report["checks"][-2] == {
         "name": "runs folder",
         "ok": False,
         "found": "full",
