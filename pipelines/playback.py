@@ -19,6 +19,7 @@ from lacoloco.pipelines import recording as recordings
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.recording import Recording
 from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.pipelines.viewing.animal import with_animal
 from lacoloco.pipelines.viewing.page import build_page
 from lacoloco.robots.registry import load_robot
 
@@ -112,8 +113,12 @@ def record(
         StageError: It shows nothing, or has no clip of a name.
     """
     if artifact.schema == clips.SCHEMA:
-        chosen = chosen_clips(clips.clips_of(artifact), config.clips, names)
-        return [recordings.from_clip(clip) for clip in chosen]
+        available = clips.clips_of(artifact)
+        spec, chosen = load_robot(artifact.robot), chosen_clips(available, config.clips, names)
+        return [
+            with_animal(recordings.from_clip(available[index]), artifact, index, spec)
+            for index in chosen
+        ]
     if artifact.schema == SCHEMA:
         return recordings.from_arrays(artifact.arrays, artifact.metadata)
     if artifact.schema == "lacoloco/policy":
@@ -152,25 +157,24 @@ def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[R
     return shown
 
 
-def chosen_clips(available: Sequence[Clip], count: int, names: Sequence[str]) -> list[Clip]:
-    """The clips of these names, or up to `count` of all, skill by skill in turn.
+def chosen_clips(available: Sequence[Clip], count: int, names: Sequence[str]) -> list[int]:
+    """Indices of the clips of these names, or of up to `count` of all, skill by skill in turn.
 
     Raises:
         StageError: A name that no clip has; the nearest is named.
     """
-    by_name = {clip.name: clip for clip in available}
+    index_of = {clip.name: index for index, clip in enumerate(available)}
     for name in names:
-        if name not in by_name:
-            near = get_close_matches(name, by_name, 1, cutoff=0.0)
+        if name not in index_of:
+            near = get_close_matches(name, index_of, 1, cutoff=0.0)
             raise StageError(
-                f"no clip '{name}' among {len(by_name)}; the nearest name is '{near[0]}'"
+                f"no clip '{name}' among {len(index_of)}; the nearest name is '{near[0]}'"
             )
     if names:
-        return [by_name[name] for name in names]
+        return [index_of[name] for name in names]
     rank: dict[str, int] = {}
     turns = []
     for clip in available:
         rank[clip.skill] = rank.get(clip.skill, 0) + 1
         turns.append(rank[clip.skill])
-    order = sorted(range(len(available)), key=lambda index: (turns[index], index))
-    return [available[index] for index in order[:count]]
+    return sorted(range(len(available)), key=lambda index: (turns[index], index))[:count]

@@ -24,6 +24,7 @@
     recordings.forEach((_, i) => viewer.set_property(["world", `recording${i}`], "visible", i === index));
     viewer.handle_command_bytearray(bytes(recording.animation));
     skeleton = recording.skeleton ? new Float32Array(bytes(recording.skeleton).buffer) : null;
+    byId("animal-choice").hidden = !skeleton;
     byId("scrubber").max = recording.frames - 1;
     byId("choice").value = index;
   }
@@ -94,7 +95,9 @@
       positions.setXYZ(i, skeleton[start], skeleton[start + 1], skeleton[start + 2]);
     });
     positions.needsUpdate = true;
-    node(`world/recording${current}/bones/<object>`).object.frustumCulled = false;
+    const bones = node(`world/recording${current}/bones/<object>`).object;
+    bones.frustumCulled = false;
+    bones.visible = byId("animal").checked;
   }
 
   function tick() {
@@ -112,6 +115,7 @@
   recordings.forEach((recording, i) => { element(byId("choice"), "option", "", recording.name).value = i; });
   const toggle = () => (viewer.animator.playing ? viewer.animator.pause() : viewer.animator.play());
   byId("play").onclick = toggle;
+  byId("animal").onchange = byId("follow").onchange = () => { shown = -1; };
   byId("choice").onchange = (event) => choose(Number(event.target.value));
   byId("scrubber").oninput = (event) => seek(Number(event.target.value) / recordings[current].fps);
   document.onkeydown = (event) => { if (event.key === " " && event.target === document.body) toggle(); };

@@ -204,7 +204,7 @@ def test_clips_are_found_by_name(motions):
 
 def test_clips_of_all_skills_get_their_turn(make_clip):
     clips = [make_clip(name=str(i), skill="walk" if i < 5 else "reach") for i in range(7)]
-    assert [clip.name for clip in chosen_clips(clips, 4, ())] == ["0", "5", "1", "6"]
+    assert chosen_clips(clips, 4, ()) == [0, 5, 1, 6]
     assert len(chosen_clips(clips, 20, ())) == 7
 
 

@@ -1,0 +1,57 @@
+"""The animal a clip came from, drawn in the size and place in which the robot follows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lacoloco.datasets.artifact import Artifact
+from lacoloco.datasets.errors import DatasetError
+from lacoloco.datasets.hashing import hash_file
+from lacoloco.datasets.mocap import Mocap, load_bvh
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.recording import Recording
+from lacoloco.pipelines.retargeting.body_map import body_map
+from lacoloco.pipelines.retargeting.contacts import ContactRule, stance_heights
+from lacoloco.robots.spec import RobotSpec
+
+
+def with_animal(recording: Recording, artifact: Artifact, index: int, spec: RobotSpec) -> Recording:
+    """Add the animal's skeleton to the recording of a retargeted clip.
+
+    Args:
+        recording: The whole clip.
+        artifact: Motions that `retarget` wrote.
+        index: Which of its clips it is.
+        spec: Their robot.
+
+    Returns:
+        The same recording where the mocap is gone, changed, or was never there.
+    """
+    try:
+        figures = artifact.metadata["metrics"]["clips"][index]
+        parent, config = artifact.parents[index], artifact.config
+        path = parent.locate(artifact.path)
+        if hash_file(path) != parent.sha256:
+            return recording
+        mocap = load_bvh(path, up_axis=config["up_axis"], scale=config["unit"])
+        skeleton = skeleton_in_size(mocap, float(figures["scale"]), spec)
+    except (KeyError, IndexError, TypeError, OSError, DatasetError, StageError):
+        return recording  # the clip is what is played; its animal is an extra
+    if len(skeleton) != recording.frames:
+        return recording
+    bones = tuple((parent, k) for k, parent in enumerate(mocap.parents) if parent >= 0)
+    return replace(recording, skeleton=skeleton, bones=bones)
+
+
+def skeleton_in_size(mocap: Mocap, scale: float, spec: RobotSpec) -> np.ndarray:
+    """Points (T, K, 3) of the animal, scaled, its standing paws at the height of the foot spheres.
+
+    Raises:
+        DatasetError: The skeleton lacks a foot.
+        StageError: The robot has no map to it.
+    """
+    paws = mocap.keypoints(body_map(spec).limb_ends(mocap))
+    ground = float(stance_heights(paws, ContactRule()).mean())
+    return scale * (mocap.positions - [0.0, 0.0, ground]) + [0.0, 0.0, spec.foot_radius()]
