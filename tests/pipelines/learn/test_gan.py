@@ -38,7 +38,7 @@ def test_loss_is_the_sum_of_its_parts():
     bce, _ = classification(network.logits(agent), network.logits(demo))
     decay = network.mlp[-1].weight.square().sum()
     expected = bce + 5.0 * figures["gradient_penalty"] + 0.01 * decay
-    assert float(loss.detach()) == pytest.approx(float(expected), rel=1e-9)
+    assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=1e-9)
 
 
 def test_the_penalty_acts_on_the_weights():
