@@ -12,7 +12,13 @@ from lacoloco.datasets import published
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, save_clips
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.experts import ExpertConfig, ExpertTrainer, clean, reach_expert, smoke_expert
+from lacoloco.pipelines.experts import (
+    ExpertConfig,
+    ExpertTrainer,
+    clean,
+    reach_expert,
+    smoke_expert,
+)
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT

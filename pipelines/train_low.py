@@ -41,8 +41,11 @@ class TrainLowConfig:
         cat: constrain the foot forces (Constraints as Terminations).
         cat_ramp: shares of the training between which the constraint rises to full strength.
         clip_share: share of resets that start inside a clip.
+        episode_s: seconds until a time-out. Far shorter than the original's 10 s: a policy that cannot walk yet leaves a
+            clip's motion within tenths of a second, and only just after a reset can it learn to stay in it longer.
         std: exploration std at the start and at the end, in raw action units (x action scale = rad).
-        std_until: share of the training at which the end value is reached.
+        std_between: shares of the training between which it falls from the first to the second: with little noise from
+            the start, no foot leaves the ground and there is nothing to reinforce.
         skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
     """
 
@@ -50,12 +53,13 @@ class TrainLowConfig:
     samples: int = 3_000_000
     cat: bool = True
     cat_ramp: tuple[float, float] = (0.6, 0.8)
-    clip_share: float = 0.5
-    std: tuple[float, float] = (0.35, 0.1)
-    std_until: float = 0.9
+    clip_share: float = 0.7
+    episode_s: float = 2.0
+    std: tuple[float, float] = (0.35, 0.08)
+    std_between: tuple[float, float] = (0.4, 0.9)
     skill_shares: tuple[tuple[str, float], ...] = ()
     latents: LatentConfig = field(default_factory=LatentConfig)
-    ppo: PpoConfig = field(default_factory=PpoConfig)
+    ppo: PpoConfig = field(default_factory=lambda: PpoConfig(gamma=0.98, desired_kl=0.02))
     networks: NetworkConfig = field(default_factory=NetworkConfig)
     ase: AseConfig = field(default_factory=AseConfig)
 
@@ -91,7 +95,10 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     directory = context.store.begin(
         context.run, "train-low", resume=context.resume, label=f"{method}-seed{context.seed}"
     )
-    library = MotionLibrary(clips, device=context.device)
+    shares = dict(config.skill_shares)
+    library = MotionLibrary(
+        clips, context.device, weighting="skill" if shares else "duration", skill_shares=shares or None
+    )
     trainer = LowTrainer(spec, library, config, seed=context.seed, device=context.device)
     metrics = train(
         trainer, trainer.iterations, directory.path, context, f"train-low {method} seed {context.seed}", SHOWN
@@ -138,7 +145,7 @@ class LowTrainer:
         torch.manual_seed(seed)
         self.config, self.spec, self.library = config, spec, library
         task = imitate_task(spec, constrained=config.cat)
-        task = replace(task, reset=replace(task.reset, clip_share=config.clip_share))
+        task = replace(task, episode_s=config.episode_s, reset=replace(task.reset, clip_share=config.clip_share))
         self.env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device, motions=library)
         self.env.stagger()
         self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)
@@ -159,7 +166,7 @@ class LowTrainer:
         self.head = Head("low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate")
         self.samples_per_iteration = config.worlds * config.ppo.horizon
         self.recent_falls: list[float] = []
-        self.algorithm.warm_up(self._reset_observations())
+        self.algorithm.warm_up(self._first_observations())
 
     @property
     def iterations(self) -> int:
@@ -174,7 +181,7 @@ class LowTrainer:
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
         config, env, algorithm = self.config, self.env, self.algorithm
-        std = geometric(config.std, progress / config.std_until)
+        std = geometric(config.std, ramp(progress, *config.std_between))
         set_std(algorithm.actor, std)
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
         tally = Tally()
@@ -239,11 +246,14 @@ class LowTrainer:
     def _observe(self) -> TensorDict:
         return TensorDict({POLICY: self.env.observe(), LATENT: self.latents.z}, batch_size=[self.env.num_worlds])
 
-    def _reset_observations(self) -> TensorDict:
-        # Clip frames and default starts are close to where the policy should end up.
+    def _first_observations(self) -> TensorDict:
+        # With actions: columns of the last action that never moved would be scaled up a hundredfold.
         seen = []
         for _ in range(8):
             self.env.reset(torch.ones(self.env.num_worlds, dtype=torch.bool, device=self.env.device))
-            seen.append(self._observe())
+            for _ in range(4):
+                spread = self.config.std[0] * torch.randn(self.env.num_worlds, self.env.num_actions, device=self.env.device)
+                self.env.step(spread)
+                seen.append(self._observe())
         self.env.stagger()
         return torch.cat(seen)

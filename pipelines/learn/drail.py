@@ -19,6 +19,8 @@ class DrailConfig:
         layers: number of hidden layers.
         steps: diffusion steps T.
         samples: stratified diffusion times per transition.
+        times: range of the diffusion times as shares of T. Close to 0 the denoiser sees a transition almost as it is, and
+            the jitter of exploration noise alone tells the policy from any demonstration.
         scale: factor on the difference of the two losses; both are means over 2F dimensions, so their difference alone
             is too small to leave the flat part of the sigmoid (the paper sums, |.|^2, the original averages).
     """
@@ -27,6 +29,7 @@ class DrailConfig:
     layers: int = 3
     steps: int = 1000
     samples: int = 4
+    times: tuple[float, float] = (0.3, 0.8)
     scale: float = 10.0
 
 
@@ -76,11 +79,12 @@ class DrailDiscriminator(nn.Module):
         return self.exit(activation)
 
     def _times(self, count: int, draw: torch.Generator) -> torch.Tensor:
-        """(count, samples) integer diffusion times, one uniform draw in each of ``samples`` equal strata."""
+        """(count, samples) integer diffusion times, one uniform draw in each of ``samples`` equal strata of the range."""
         samples, steps = self.config.samples, self.config.steps
+        low, high = self.config.times
         offset = torch.rand(count, samples, generator=draw, device=draw.device)
         strata = (torch.arange(samples, device=draw.device) + offset) / samples
-        return (strata * steps).long().clamp_max(steps - 1)
+        return ((low + (high - low) * strata) * steps).long().clamp_max(steps - 1)
 
 
 def cosine_schedule(steps: int, offset: float = 0.008) -> torch.Tensor:
