@@ -26,6 +26,7 @@ from lacoloco.pipelines.sim.physics import (
     make_physics,
 )
 from lacoloco.pipelines.sim.rewards import REWARDS
+from lacoloco.pipelines.sim.starts import StandingStarts
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
 from lacoloco.pipelines.sim.tasks import Randomisation, Task
 from lacoloco.pipelines.worlds import pick, put, select
@@ -88,7 +89,8 @@ class LeggedEnv:
         self.default_joint_pos = torch.tensor(spec.default_joint_pos, device=self.device)
         hips = [i for i, name in enumerate(spec.joint_names) if "HAA" in name or "hip_roll" in name]
         self.hip_columns = torch.tensor(hips, dtype=torch.long, device=self.device)
-        self.num_actions, self.default_height = joints, spec.default_height()
+        self.num_actions = joints
+        self._starts = StandingStarts(spec, task.reset.joint_scale, self.draw, self.device)
         self._falls = slice(0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies))
         self._noise = layouts.noise_scale(self.terms).to(self.device) * task.noise
         self.feet = FootTimer(num_worlds, len(spec.feet), self.device)
@@ -261,10 +263,8 @@ class LeggedEnv:
         start = self.task.reset
         qpos = torch.zeros(count, 7 + self.num_actions, device=self.device)
         planar = uniform(((-start.position, start.position),) * 2 + ((-start.heading, start.heading),), count, self.draw)
-        qpos[:, :2], qpos[:, 2] = planar[:, :2], self.default_height
-        qpos[:, 3:7] = from_yaw(planar[:, 2])
-        scale = uniform((start.joint_scale,) * self.num_actions, count, self.draw)
-        qpos[:, 7:] = self.default_joint_pos * scale
+        qpos[:, :2], qpos[:, 3:7] = planar[:, :2], from_yaw(planar[:, 2])
+        qpos[:, 7:], qpos[:, 2] = self._starts.draw(count, self.draw)
         qvel = torch.zeros(count, 6 + self.num_actions, device=self.device)
         qvel[:, :3] = uniform(((-start.lin_vel, start.lin_vel),) * 3, count, self.draw)
         qvel[:, 3:6] = uniform(((-start.ang_vel, start.ang_vel),) * 3, count, self.draw)

@@ -118,6 +118,7 @@ def walk_task(spec: RobotSpec) -> Task:
         fall_on_undesired=True,
         reset=ResetConfig(joint_scale=(0.5, 1.5)),
         randomisation=_randomisation(spec, 0.3),
+        joint_pos_noise=_solo_or(spec, 0.05, 0.01),
     )
 
 
@@ -152,6 +153,7 @@ def reach_in_place_task(spec: RobotSpec) -> Task:
         else (),
         reset=ResetConfig(heading=0.0, lin_vel=0.0, ang_vel=0.0),
         randomisation=_randomisation(spec, 0.1),
+        joint_pos_noise=_solo_or(spec, 0.05, 0.01),
     )
 
 
@@ -165,6 +167,7 @@ def imitate_task(spec: RobotSpec, *, constrained: bool) -> Task:
         constraints=(Constraint("foot_force", limit, max_p),) if constrained else (),
         reset=ResetConfig(clip_share=0.5),
         randomisation=_randomisation(spec, 0.1),
+        joint_pos_noise=_solo_or(spec, 0.05, 0.01),
     )
 
 
@@ -184,6 +187,7 @@ def reach_task(spec: RobotSpec) -> Task:
         rewards=(("reach", 1.0), ("progress", 0.5)),
         reset=ResetConfig(position=spread, heading=heading, lin_vel=0.1, ang_vel=0.1, joint_scale=joints),
         randomisation=_randomisation(spec, 0.25),
+        joint_pos_noise=_solo_or(spec, 0.05, 0.01),
     )
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import pytest
 import torch
 
@@ -18,6 +19,7 @@ from lacoloco.pipelines.sim.tasks import (
     reach_task,
     walk_task,
 )
+from lacoloco.robots.registry import load_robot
 
 WORLDS = 4
 
@@ -218,7 +220,7 @@ def test_clip_starts_move_as_the_clip_does_whatever_their_heading(make_env, moti
     world = env.physics.qvel[:, :2]
     angle = torch.atan2(world[:, 1], world[:, 0])
     assert (torch.histc(angle, 4, -torch.pi, torch.pi) >= 4).all()
-    assert torch.allclose(state.root_pos[:, 2], torch.tensor(env.default_height), atol=1e-4)
+    assert torch.allclose(state.root_pos[:, 2], torch.tensor(env.spec.default_height()), atol=1e-4)
     swing = (state.joint_pos - env.default_joint_pos).abs()
     assert 0.05 < float(swing.max()) <= 0.1001
     # Joint velocities come along: 8 rad/s x 0.1 rad.
@@ -364,3 +366,18 @@ def test_parameters_are_drawn_from_their_ranges(make_env):
     plain = draw_parameters(NO_RANDOMISATION, 3, torch.Generator())
     assert plain.friction.tolist() == plain.mass_scale.tolist() == [1.0] * 3
     assert not plain.base_com_offset.any()
+
+
+@pytest.mark.parametrize("robot", ["solo12", "h1"])
+def test_b7_spread_joint_angles_start_with_the_feet_on_the_ground_not_in_it(robot):
+    """B7: the default pose's height puts other joint angles up to 2 cm (H1: 6 cm) inside the floor."""
+    spec = load_robot(robot)
+    task = replace(walk_task(spec), noise=0.0, randomisation=NO_RANDOMISATION)
+    env = LeggedEnv(spec, task, 16, seed=0)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for qpos in env.physics.qpos.numpy():
+        data.qpos[:] = qpos
+        mujoco.mj_forward(model, data)
+        deepest = min((contact.dist for contact in data.contact if 0 in contact.geom), default=0.0)
+        assert deepest > -1e-4
