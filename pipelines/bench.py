@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from lacoloco.datasets.clip import Clip
-from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.rotations import from_yaw
 from lacoloco.pipelines import train_low
 from lacoloco.pipelines.sim.bare_engine import bare_engine

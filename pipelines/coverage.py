@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import torch
 
-from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv

@@ -11,7 +11,7 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.datasets.clip import load_clips
-from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.coverage import skill_coverage
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
@@ -143,7 +143,7 @@ class LowTrainer:
     ) -> None:
         """Build environment, latents and learner."""
         torch.manual_seed(seed)
-        self.config, self.spec, self.library = config, spec, library
+        self.config, self.spec, self.motions = config, spec, library
         task = imitate_task(spec, constrained=config.cat)
         task = replace(task, episode_s=config.episode_s, reset=replace(task.reset, clip_share=config.clip_share))
         self.env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device, motions=library)
@@ -175,7 +175,7 @@ class LowTrainer:
 
     def demonstrations(self, count: int) -> torch.Tensor:
         """(count, 2F) clean style transitions of the clips, older frame first, like the agent's (facts 9.2, B1)."""
-        before, after = self.library.sample_transitions(count, CONTROL_DT, generator=self.draw)
+        before, after = self.motions.sample_transitions(count, CONTROL_DT, generator=self.draw)
         return torch.cat([style_frame(RobotState.from_motion(frames)) for frames in (before, after)], dim=-1)
 
     def iterate(self, progress: float) -> dict[str, float]:

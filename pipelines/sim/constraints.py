@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch
 
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-
-if TYPE_CHECKING:
-    from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.world import World
 
 
 @dataclass(frozen=True)
@@ -27,60 +24,60 @@ class Constraint:
     max_p: float
 
 
-def foot_force(env: LeggedEnv, limit: float) -> torch.Tensor:
+def foot_force(env: World, limit: float) -> torch.Tensor:
     """(N, F) largest net contact force of each foot over *all* substeps, minus the limit [N]."""
     return env.physics.foot_force.amax(dim=1) - limit
 
 
-def torque(env: LeggedEnv, limit: float) -> torch.Tensor:
+def torque(env: World, limit: float) -> torch.Tensor:
     """(N, J) |joint torque| minus the limit [N.m]."""
     return env.physics.torque.abs() - limit
 
 
-def joint_velocity(env: LeggedEnv, limit: float) -> torch.Tensor:
+def joint_velocity(env: World, limit: float) -> torch.Tensor:
     """(N, J) |joint velocity| minus the limit [rad/s]."""
     return env.state.joint_vel.abs() - limit
 
 
-def joint_acceleration(env: LeggedEnv, limit: float) -> torch.Tensor:
+def joint_acceleration(env: World, limit: float) -> torch.Tensor:
     """(N, J) |mean joint acceleration of the step| minus the limit [rad/s^2]."""
     return (env.state.joint_vel - env.previous.joint_vel).abs() / CONTROL_DT - limit
 
 
-def action_rate(env: LeggedEnv, limit: float) -> torch.Tensor:
+def action_rate(env: World, limit: float) -> torch.Tensor:
     """(N, J) |change of the raw action per second| minus the limit [1/s]."""
     return (env.action - env.previous_action).abs() / CONTROL_DT - limit
 
 
-def undesired_contact(env: LeggedEnv, limit: float) -> torch.Tensor:
+def undesired_contact(env: World, limit: float) -> torch.Tensor:
     """(N, B) contact force of bodies that should touch nothing, minus the limit [N]."""
     return env.physics.body_force - limit
 
 
-def base_tilt(env: LeggedEnv, limit: float) -> torch.Tensor:
+def base_tilt(env: World, limit: float) -> torch.Tensor:
     """(N, 1) horizontal part of the projected gravity minus the limit."""
     return torch.linalg.vector_norm(env.state.gravity_b[:, :2], dim=-1, keepdim=True) - limit
 
 
-def air_time(env: LeggedEnv, limit: float) -> torch.Tensor:
+def air_time(env: World, limit: float) -> torch.Tensor:
     """(N, F) seconds by which a foot's flight fell short of the limit, at its touch-down, while commanded to move."""
     shortfall = (limit - env.feet.last_air_time) * env.feet.touch_down
     return shortfall * (env.command_speed() > 0.1)[:, None]
 
 
-def stand_still(env: LeggedEnv, limit: float) -> torch.Tensor:
+def stand_still(env: World, limit: float) -> torch.Tensor:
     """(N, J) |joint velocity| above the limit [rad/s] while commanded to stand."""
     return (env.state.joint_vel.abs() - limit) * (env.command_speed() <= 0.1)[:, None]
 
 
-def hip_deviation(env: LeggedEnv, limit: float) -> torch.Tensor:
+def hip_deviation(env: World, limit: float) -> torch.Tensor:
     """(N, H) hip abduction away from the default pose [rad] minus the limit, while no lateral speed is commanded."""
     hips = env.hip_columns
     deviation = (env.state.joint_pos[:, hips] - env.default_joint_pos[hips]).abs() - limit
     return deviation * (env.command[:, 1].abs() < 0.1)[:, None]
 
 
-CONSTRAINTS: dict[str, Callable[[LeggedEnv, float], torch.Tensor]] = {
+CONSTRAINTS: dict[str, Callable[[World, float], torch.Tensor]] = {
     function.__name__: function
     for function in (
         foot_force,

@@ -16,6 +16,7 @@ from lacoloco.datasets.rotations import from_yaw, multiply, rotate
 from lacoloco.pipelines.sim import state as layouts
 from lacoloco.pipelines.sim.commands import TargetCommand, uniform
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS
+from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.feet import FootTimer
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import (
@@ -23,7 +24,6 @@ from lacoloco.pipelines.sim.physics import (
     Physics,
     PhysicsRequest,
     WorldParameters,
-    make_physics,
 )
 from lacoloco.pipelines.sim.rewards import REWARDS
 from lacoloco.pipelines.sim.starts import StandingStarts
@@ -33,7 +33,7 @@ from lacoloco.pipelines.worlds import pick, put, select
 from lacoloco.robots.spec import RobotSpec
 
 if TYPE_CHECKING:
-    from lacoloco.datasets.library import MotionLibrary
+    from lacoloco.datasets.motion_library import MotionLibrary
 
 FALL_FORCE = 1.0
 """Newtons on a fall body that end an episode (facts 2.0)."""

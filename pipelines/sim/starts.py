@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from lacoloco.robots.geometry import standing_height
-from lacoloco.robots.spec import RobotSpec
 
 from lacoloco.pipelines.sim.commands import Range, uniform
+from lacoloco.robots.geometry import standing_height
+from lacoloco.robots.spec import RobotSpec
 
 POOL = 256
 """Poses drawn once per environment; resets choose among them."""

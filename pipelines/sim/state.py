@@ -10,7 +10,7 @@ import torch
 from lacoloco.datasets.rotations import rotate_inverse
 
 if TYPE_CHECKING:
-    from lacoloco.datasets.library import MotionFrames
+    from lacoloco.datasets.motion_library import MotionFrames
 
 LATENT_DIM = 7
 """Dimension of the skill latent z (paper section IV-D)."""

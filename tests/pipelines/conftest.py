@@ -4,7 +4,7 @@ import torch
 
 from lacoloco.datasets import rotations
 from lacoloco.datasets.clip import Clip
-from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.robots.registry import load_robot, robot_names
 
 

@@ -5,10 +5,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.bench import PRESETS, bench_sim, bench_train, made_up_clips
 from lacoloco.pipelines.sim.bare_engine import bare_engine
-from lacoloco.pipelines.sim.physics import PhysicsRequest, make_physics
+from lacoloco.pipelines.sim.engines import make_physics
+from lacoloco.pipelines.sim.physics import PhysicsRequest
 from lacoloco.robots.errors import RobotError
 
 SMOKE = PRESETS["smoke"]()

@@ -11,7 +11,7 @@ import torch
 
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.clip import load_clips
-from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import evaluate, export, generate, rollout, train_high, train_low
 from lacoloco.pipelines.coverage import skill_coverage

@@ -8,12 +8,12 @@ import pytest
 import torch
 
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.physics import (
     CONTROL_DT,
     SUBSTEPS,
     PhysicsRequest,
     WorldParameters,
-    make_physics,
     monitored_bodies,
 )
 

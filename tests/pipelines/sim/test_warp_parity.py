@@ -11,7 +11,8 @@ import pytest
 import torch
 
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.sim.physics import PhysicsRequest, WorldParameters, make_physics
+from lacoloco.pipelines.sim.engines import make_physics
+from lacoloco.pipelines.sim.physics import PhysicsRequest, WorldParameters
 
 pytest.importorskip("mujoco_warp", reason="needs MuJoCo Warp: pip install 'lacoloco[gpu]'")
 pytestmark = pytest.mark.slow

@@ -6,7 +6,7 @@ import torch
 
 from lacoloco.datasets import rotations
 from lacoloco.datasets.errors import DatasetError
-from lacoloco.datasets.library import MotionLibrary
+from lacoloco.datasets.motion_library import MotionLibrary
 
 DT = 0.02
 
