@@ -137,8 +137,9 @@ class Ppo(PPO):
         self.critic.update_normalization(observations)
 
     def hold_actor(self, held: bool) -> None:
-        """Let only the critic learn, or let the actor go on at its first rate: a critic that knows nothing yet would
-        otherwise tear down a policy that was fitted beforehand.
+        """Let only the critic learn, or let the actor go on at its first rate.
+
+        A critic that knows nothing yet would tear down a policy that was fitted beforehand.
         """
         self._set_learning_rate(0.0 if held else self.config.learning_rate)
 

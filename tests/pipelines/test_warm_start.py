@@ -1,0 +1,75 @@
+"""Actions inferred from states: the simulation itself is the oracle."""
+
+import numpy as np
+import torch
+
+from lacoloco.datasets import rotations
+from lacoloco.datasets.clip import Clip
+from lacoloco.pipelines.sim.engines import make_physics
+from lacoloco.pipelines.sim.physics import CONTROL_DT, PhysicsRequest
+from lacoloco.pipelines.sim.state import RobotState
+from lacoloco.pipelines.warm_start import infer_actions
+
+SCALE = 1.5
+
+
+def performed(spec, steps=40):
+    """A clip of a robot that bends its knees in a slow wave."""
+    physics = make_physics(PhysicsRequest(spec, 1, threads=1))
+    default = torch.tensor(spec.default_joint_pos)
+    qpos = torch.zeros(1, 7 + spec.num_joints)
+    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = spec.default_height(), 1.0, default
+    physics.reset(torch.arange(1), qpos, torch.zeros(1, 6 + spec.num_joints))
+    states = []
+    for step in range(steps):
+        phase = torch.arange(spec.num_joints) + 0.2 * step
+        action = 0.1 * torch.sin(phase)
+        states.append((physics.qpos, RobotState.from_generalized(physics.qpos, physics.qvel)))
+        physics.step((default + SCALE * action)[None])
+    clip = Clip(
+        "wave",
+        1 / CONTROL_DT,
+        spec.joint_names,
+        *(
+            np.concatenate([value.numpy() for value in column])
+            for column in zip(
+                *(
+                    (q[:, :3], q[:, 3:7], s.lin_vel_b, s.ang_vel_b, s.joint_pos, s.joint_vel)
+                    for q, s in states
+                ),
+                strict=True,
+            )
+        ),
+    )
+    return clip
+
+
+def next_joint_pos(spec, clip, actions):
+    """(T - 2, J) where the actions take the moments 1 to T - 2 of the clip."""
+    moments = len(actions)
+    physics = make_physics(PhysicsRequest(spec, moments, threads=1))
+    qpos = torch.from_numpy(np.concatenate([clip.root_pos, clip.root_quat, clip.joint_pos], 1))
+    linear = rotations.rotate(clip.root_quat, clip.root_lin_vel_b)
+    qvel = torch.from_numpy(np.concatenate([linear, clip.root_ang_vel_b, clip.joint_vel], 1))
+    physics.reset(torch.arange(moments), qpos[1:-1].float(), qvel[1:-1].float())
+    physics.step(torch.tensor(spec.default_joint_pos) + SCALE * actions)
+    return physics.qpos[:, 7:]
+
+
+def test_inferred_actions_take_every_moment_to_the_next(solo12):
+    clip = performed(solo12)
+    recorded = infer_actions(solo12, [clip], SCALE)
+    # Moments 1 to T - 2: the first has no action before it, the last no state after it.
+    assert len(recorded.actions) == clip.frames - 2
+    assert torch.equal(recorded.previous[1:], recorded.actions[:-1])
+    wanted = torch.from_numpy(clip.joint_pos[2:])
+    error = (next_joint_pos(solo12, clip, recorded.actions) - wanted).abs().mean()
+    idle = (next_joint_pos(solo12, clip, torch.zeros_like(recorded.actions)) - wanted).abs().mean()
+    assert error < 0.4 * idle
+    assert error < 0.004
+
+
+def test_two_clips_are_never_taken_for_one(solo12):
+    clip = performed(solo12, steps=12)
+    one, two = infer_actions(solo12, [clip], SCALE), infer_actions(solo12, [clip, clip], SCALE)
+    assert torch.allclose(two.actions, torch.cat((one.actions, one.actions)), atol=1e-5)
