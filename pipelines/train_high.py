@@ -43,7 +43,7 @@ class TrainHighConfig:
     """
 
     worlds: int = 512
-    decisions: int = 400_000
+    decisions: int = 1_000_000
     std: tuple[float, float] = (0.5, 0.2)
     reward_scale: float = 10.0
     ppo: PpoConfig = field(
