@@ -27,7 +27,7 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
 from lacoloco.pipelines.sim.tasks import imitate_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import remove_checkpoints, train
+from lacoloco.pipelines.training import has_checkpoint, remove_checkpoints, train
 from lacoloco.pipelines.warm_start import infer_actions
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -109,7 +109,8 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         clips, context.device, weighting="skill" if shares else "duration", skill_shares=shares or None
     )
     trainer = LowTrainer(spec, library, config, seed=context.seed, device=context.device)
-    if config.warm_start and not context.resume:
+    # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
+    if config.warm_start and not has_checkpoint(directory.path):
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
         trainer.warm_start(clips)
     metrics = train(

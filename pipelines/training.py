@@ -89,6 +89,11 @@ def train(
     return figures | {"samples": total, "seconds": seconds, "samples_per_second": total / max(seconds, 1e-9)}
 
 
+def has_checkpoint(directory: Path) -> bool:
+    """Whether a training in a stage's directory got as far as its first checkpoint."""
+    return any(directory.glob("*.checkpoint.h5"))
+
+
 def remove_checkpoints(directory: Path) -> None:
     """Delete the checkpoints in a stage's directory, once its artifact holds what they were for."""
     for path in directory.glob("*.checkpoint.h5"):

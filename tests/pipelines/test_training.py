@@ -266,3 +266,12 @@ def test_seeds_decide_the_training(kind, make_trainer, tmp_path, context):
         for index, seed in enumerate((0, 0, 1))
     ]
     assert results[0]["surrogate"] == results[1]["surrogate"] != results[2]["surrogate"]
+
+
+def test_a_training_has_a_checkpoint_only_once_one_is_written(tmp_path):
+    (tmp_path / "metrics.jsonl").touch()
+    assert not training.has_checkpoint(tmp_path)
+    (tmp_path / "train-low-drail-seed-0.checkpoint.h5").touch()
+    assert training.has_checkpoint(tmp_path)
+    training.remove_checkpoints(tmp_path)
+    assert not training.has_checkpoint(tmp_path)
