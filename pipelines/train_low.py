@@ -10,16 +10,17 @@ from typing import Any
 import torch
 from tensordict import TensorDict
 
-from lacoloco.datasets.clip import Clip, load_clips
+from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.coverage import skill_coverage
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
-from lacoloco.pipelines.learn.cloning import clone
+from lacoloco.pipelines.learn.cloning import Teacher, clone
 from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import PpoConfig
+from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding, WindowConfig
 from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -28,7 +29,7 @@ from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_
 from lacoloco.pipelines.sim.tasks import imitate_task
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training import has_checkpoint, remove_checkpoints, train
-from lacoloco.pipelines.warm_start import infer_actions
+from lacoloco.pipelines.warm_start import clip_states, infer_actions, previous_actions
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
@@ -46,12 +47,10 @@ class TrainLowConfig:
         episode_s: seconds until a time-out. Far shorter than the original's 10 s: a policy that cannot walk yet leaves a
             clip's motion within tenths of a second, and only just after a reset can it learn to stay in it longer.
         std: exploration std at the start and at the end, in raw action units (x action scale = rad).
-        std_between: shares of the training between which it falls from the first to the second: with little noise from
-            the start, no foot leaves the ground and there is nothing to reinforce.
+        std_between: shares of the training between which it falls from the first to the second.
         warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before everything else; 0 begins
-            with a random network, as the paper does.
-        actor_from: share of the training after which a warm-started actor begins to change; until then the critic and the
-            discriminator learn what it does.
+            with a random network and meaningless latents, as the paper does.
+        windows: what a latent describes while the clips are cloned.
         skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
     """
 
@@ -61,10 +60,10 @@ class TrainLowConfig:
     cat_ramp: tuple[float, float] = (0.6, 0.8)
     clip_share: float = 0.7
     episode_s: float = 2.0
-    std: tuple[float, float] = (0.12, 0.06)
+    std: tuple[float, float] = (0.05, 0.05)
     std_between: tuple[float, float] = (0.4, 0.9)
-    warm_start: int = 600
-    actor_from: float = 0.05
+    warm_start: int = 1000
+    windows: WindowConfig = field(default_factory=WindowConfig)
     skill_shares: tuple[tuple[str, float], ...] = ()
     latents: LatentConfig = field(default_factory=LatentConfig)
     ppo: PpoConfig = field(default_factory=lambda: PpoConfig(gamma=0.98, desired_kl=0.02))
@@ -84,7 +83,7 @@ def smoke() -> TrainLowConfig:
         samples=16 * 8 * 3,
         ppo=PpoConfig(horizon=8, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
-        warm_start=2,
+        warm_start=4,
         ase=AseConfig(updates=2, batch=64, replay_capacity=256),
     )
 
@@ -112,7 +111,7 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
     if config.warm_start and not has_checkpoint(directory.path):
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
-        trainer.warm_start(clips)
+        trainer.warm_start()
     metrics = train(
         trainer, trainer.iterations, directory.path, context, f"train-low {method} seed {context.seed}", SHOWN
     )
@@ -176,10 +175,14 @@ class LowTrainer:
             seed=seed + 3,
             device=device,
         )
+        if config.warm_start:
+            self.clips = clip_states(library)
+            timeline = self.clips.timeline()
+            self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
+            self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
         self.head = Head("low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate")
         self.samples_per_iteration = config.worlds * config.ppo.horizon
         self.recent_falls: list[float] = []
-        self.held = False
         self.algorithm.warm_up(self._first_observations())
 
     @property
@@ -187,20 +190,25 @@ class LowTrainer:
         """Iterations that the budget of samples allows."""
         return max(1, round(self.config.samples / self.samples_per_iteration))
 
-    def warm_start(self, clips: Sequence[Clip]) -> float:
-        """Begin with a policy that goes on in the clips' motions; returns the error of its actions (raw units, rms)."""
-        recorded = infer_actions(self.spec, clips, self.env.task.action_scale, str(self.env.device))
-        return clone(
-            self.algorithm.actor,
-            recorded.frames,
-            recorded.previous,
-            recorded.actions,
-            noise_scale(self.env.terms).to(self.env.device),
-            latent_dim=self.config.latents.dim,
-            action_noise=self.config.std[0],
-            steps=self.config.warm_start,
-            draw=self.draw,
+    def warm_start(self) -> dict[str, float]:
+        """Begin with a policy whose latents reproduce the clips, and an encoder that reads them off the clips.
+
+        Returns:
+            The error of the cloned actions (raw units, rms) and the encoder's mean cosine.
+        """
+        config, env = self.config, self.env
+        actions = infer_actions(self.spec, self.clips, env.task.action_scale)
+        teacher = Teacher(
+            self.clips.timeline().frames,
+            previous_actions(self.clips, actions),
+            actions,
+            noise_scale(env.terms).to(env.device),
+            config.std[0],
         )
+        error = clone(
+            self.algorithm.actor, self.embedding, teacher, self._starts, steps=config.warm_start, draw=self.draw
+        )
+        return {"clone_error": error, "clone_cosine": self.algorithm.fit_encoder(config.warm_start // 4)}
 
     def demonstrations(self, count: int) -> torch.Tensor:
         """(count, 2F) clean style transitions of the clips, older frame first, like the agent's (facts 9.2, B1)."""
@@ -212,7 +220,6 @@ class LowTrainer:
         config, env, algorithm = self.config, self.env, self.algorithm
         std = geometric(config.std, ramp(progress, *config.std_between))
         set_std(algorithm.actor, std)
-        self._hold_actor(config.warm_start > 0 and progress < config.actor_from)
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
         tally = Tally()
         frame, obs = env.frame(), self._observe()
@@ -239,10 +246,9 @@ class LowTrainer:
             "std": std,
         }
 
-    def _hold_actor(self, held: bool) -> None:
-        if held != self.held:
-            self.algorithm.hold_actor(held)
-            self.held = held
+    def _starts(self, count: int) -> torch.Tensor:
+        """(count,) rows of the clips' states, drawn as demonstrations are."""
+        return self.clips.rows(*self.motions.sample(count, generator=self.draw, margin=CONTROL_DT))
 
     def closing_figures(self) -> dict[str, float]:
         """Falls in the last hundredth of the samples and the clips' mean planar speed [m/s], to compare with ``speed``."""
@@ -267,8 +273,7 @@ class LowTrainer:
             "terminations": self.terminations.state_dict(),
             "draw": self.draw.get_state(),
             "recent_falls": self.recent_falls,
-            "held": self.held,
-        }
+        } | ({"embedding": self.embedding.state_dict()} if self.config.warm_start else {})
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """See :class:`lacoloco.pipelines.training.Trainer`."""
@@ -277,7 +282,9 @@ class LowTrainer:
         self.latents.load_state_dict(state["latents"])
         self.terminations.load_state_dict(state["terminations"])
         self.draw.set_state(state["draw"])
-        self.recent_falls, self.held = list(state["recent_falls"]), bool(state["held"])
+        self.recent_falls = list(state["recent_falls"])
+        if self.config.warm_start:
+            self.embedding.load_state_dict(state["embedding"])
 
     def _observe(self) -> TensorDict:
         return TensorDict({POLICY: self.env.observe(), LATENT: self.latents.z}, batch_size=[self.env.num_worlds])

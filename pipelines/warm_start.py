@@ -8,16 +8,15 @@ starts from there instead of from a robot that has to discover walking by accide
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 
 from lacoloco.datasets import rotations
-from lacoloco.datasets.clip import Clip
+from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.pipelines.learn.skill_embedding import Timeline
 from lacoloco.pipelines.sim.engines import make_physics
-from lacoloco.pipelines.sim.physics import CONTROL_DT, PhysicsRequest
+from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.robots.spec import RobotSpec
 
@@ -30,53 +29,77 @@ BOUND = 1.0
 
 
 @dataclass(frozen=True)
-class RecordedActions:
-    """M consecutive moments of clips: (M, 10 + 2J) style frames, (M, J) actions and (M, J) the actions before them."""
+class ClipStates:
+    """All clips at the control rate, one after the other.
 
-    frames: torch.Tensor
-    actions: torch.Tensor
-    previous: torch.Tensor
-
-
-def infer_actions(spec: RobotSpec, clips: Sequence[Clip], action_scale: float, device: str = "cpu") -> RecordedActions:
-    """Find the raw actions that take every frame of the clips to its next one, at the control rate.
-
-    Clips of another rate are resampled first. The world is the model's own, without randomisation.
+    Attributes:
+        qpos: (M, 7 + J) generalised positions.
+        qvel: (M, 6 + J) generalised velocities.
+        first: (clips,) row of the first state of every clip.
+        last: (M,) row of the last state of the clip that a row belongs to.
     """
-    parts = [_states(clip if abs(clip.fps * CONTROL_DT - 1.0) < 1e-4 else clip.resample(1.0 / CONTROL_DT)) for clip in clips]
-    qpos, qvel = (torch.cat(column).to(device) for column in zip(*parts, strict=True))
-    first = torch.zeros(len(qpos), dtype=torch.bool, device=device)
-    first[np.cumsum([0, *(len(part[0]) for part in parts[:-1])])] = True
-    has_next = ~torch.roll(first, -1)
-    actions = torch.zeros(len(qpos), len(spec.joint_names), device=device)
-    chosen = torch.nonzero(has_next).flatten()
-    physics = make_physics(PhysicsRequest(spec, min(1024, len(chosen))), device)
+
+    qpos: torch.Tensor
+    qvel: torch.Tensor
+    first: torch.Tensor
+    last: torch.Tensor
+
+    def timeline(self) -> Timeline:
+        """The style frames, as the skill embedding looks at them."""
+        return Timeline(style_frame(RobotState.from_generalized(self.qpos, self.qvel)), self.last)
+
+    def rows(self, clips: torch.Tensor, times: torch.Tensor) -> torch.Tensor:
+        """(n,) rows nearest to ``times`` [s] in the clips with numbers ``clips``, (n,) each."""
+        first = self.first[clips]
+        return torch.minimum(first + (times / CONTROL_DT).round().long(), self.last[first])
+
+
+def clip_states(library: MotionLibrary) -> ClipStates:
+    """Line up the clips of a library: recorded states where a clip's rate is the control rate, blended ones elsewhere."""
+    lengths = (library.durations / CONTROL_DT + 1e-3).long() + 1
+    ends = lengths.cumsum(0)
+    first, last = ends - lengths, torch.repeat_interleave(ends - 1, lengths)
+    clips = torch.repeat_interleave(torch.arange(len(library), device=library.device), lengths)
+    within = torch.arange(len(clips), device=library.device) - first[clips]
+    frames = library.frames(clips, within * CONTROL_DT)
+    linear = rotations.rotate(frames.root_quat, frames.root_lin_vel_b)
+    qpos = torch.cat((frames.root_pos, frames.root_quat, frames.joint_pos), dim=1)
+    return ClipStates(qpos, torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=1), first, last)
+
+
+def infer_actions(spec: RobotSpec, states: ClipStates, action_scale: float) -> torch.Tensor:
+    """(M, J) raw actions that take every state to the next one of its clip; zero where there is none.
+
+    The world is the model's own, without randomisation.
+    """
+    device = states.qpos.device
+    actions = torch.zeros(len(states.qpos), len(spec.joint_names), device=device)
+    chosen = torch.nonzero(torch.arange(len(actions), device=device) < states.last).flatten()
+    physics = make_physics(PhysicsRequest(spec, min(1024, len(chosen))), str(device))
     for rows in chosen.split(physics.num_worlds):
-        actions[rows] = _solve(spec, physics, qpos, qvel, rows, action_scale)
-    useful = has_next & ~first
-    frames = style_frame(RobotState.from_generalized(qpos, qvel))
-    return RecordedActions(frames[useful], actions[useful], torch.roll(actions, 1, dims=0)[useful])
+        actions[rows] = _solve(spec, physics, states, rows, action_scale)
+    return actions
 
 
-def _states(clip: Clip) -> tuple[torch.Tensor, torch.Tensor]:
-    linear = rotations.rotate(clip.root_quat, clip.root_lin_vel_b)
-    qpos = np.concatenate([clip.root_pos, clip.root_quat, clip.joint_pos], axis=1)
-    qvel = np.concatenate([linear, clip.root_ang_vel_b, clip.joint_vel], axis=1)
-    return torch.from_numpy(qpos).float(), torch.from_numpy(qvel).float()
+def previous_actions(states: ClipStates, actions: torch.Tensor) -> torch.Tensor:
+    """(M, J) the actions one step earlier; a clip's first is taken to have followed itself."""
+    earlier = torch.roll(actions, 1, dims=0)
+    earlier[states.first] = actions[states.first]
+    return earlier
 
 
 def _solve(
-    spec: RobotSpec, physics: object, qpos: torch.Tensor, qvel: torch.Tensor, rows: torch.Tensor, action_scale: float
+    spec: RobotSpec, physics: Physics, states: ClipStates, rows: torch.Tensor, action_scale: float
 ) -> torch.Tensor:
     """(K, J) actions for the moments ``rows``, worlds beyond K idle in the last state."""
     padded = torch.cat((rows, rows[-1:].expand(physics.num_worlds - len(rows))))
     worlds = torch.arange(physics.num_worlds, device=rows.device)
     default = torch.tensor(spec.default_joint_pos, device=rows.device)
     lead = torch.tensor(spec.damping, device=rows.device) / torch.tensor(spec.stiffness, device=rows.device)
-    wanted_q, wanted_v = qpos[padded + 1, 7:], qvel[padded + 1, 6:]
+    wanted_q, wanted_v = states.qpos[padded + 1, 7:], states.qvel[padded + 1, 6:]
     target = wanted_q + lead * wanted_v
     for _ in range(ITERATIONS):
-        physics.reset(worlds, qpos[padded], qvel[padded])
+        physics.reset(worlds, states.qpos[padded], states.qvel[padded])
         physics.step(target)
         correction = GAIN_POSITION * (wanted_q - physics.qpos[:, 7:]) + GAIN_VELOCITY * (wanted_v - physics.qvel[:, 6:])
         target = target + 0.7 * correction

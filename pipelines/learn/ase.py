@@ -29,6 +29,8 @@ class AseConfig:
         reward_scale: factor on the whole style reward, so that returns stay near 1 without a value normaliser.
         imitation_weight: weight of r_D.
         encoder_weight: weight of r_E relative to r_D: the paper's beta.
+        anchor: weight of the encoder's loss on labelled demonstrations, beside 1 for the policy's own transitions; without
+            labels it does nothing.
         diversity: weight of the diversity loss.
         updates: discriminator and encoder steps per iteration.
         batch: policy transitions per step, half current and half replayed; as many demonstrations again.
@@ -43,7 +45,8 @@ class AseConfig:
     encoder_hidden: tuple[int, ...] = (256, 128)
     reward_scale: float = 0.1
     imitation_weight: float = 1.0
-    encoder_weight: float = 0.2
+    encoder_weight: float = 0.3
+    anchor: float = 1.0
     reward_ceiling: float = 5.0
     max_accuracy: float = 0.75
     diversity: float = 0.01
@@ -82,6 +85,8 @@ class Ase(Ppo):
         self.discriminator_optimizer = _adam(self.discriminator, ase.learning_rate)
         self.encoder_optimizer = _adam(self.encoder, ase.encoder_learning_rate)
         self.replay = ReplayBuffer(ase.replay_capacity, dim, seed=seed + 1, device=device)
+        self.labelled: Callable[[int, torch.Generator], tuple[torch.Tensor, torch.Tensor]] | None = None
+        """Demonstrated transitions (n, 2F) with their latents (n, d), once something knows them."""
         self.draw = torch.Generator(device).manual_seed(seed + 2)
         self.transitions = torch.zeros(ppo.horizon, num_worlds, dim, device=device)
         self.valid = torch.ones(ppo.horizon, num_worlds, dtype=torch.bool, device=device)
@@ -90,6 +95,15 @@ class Ase(Ppo):
         """Keep the style transition (N, F), (N, F) of the step about to be recorded; both frames before any reset."""
         self.transitions[self.storage.step] = torch.cat((frame, next_frame), dim=-1)
         self.valid[self.storage.step] = valid
+
+    def fit_encoder(self, steps: int, batch: int = 2048) -> float:
+        """Teach the encoder the labelled demonstrations before there is a rollout; returns its mean cosine at the end."""
+        self.normalizer.update(*(self.demonstrations(4 * batch) for _ in range(2)))
+        miss = torch.zeros(())
+        for _ in range(steps):
+            miss = self._labelled_loss(batch)
+            _descend(self.encoder_optimizer, miss)
+        return -float(miss.detach())
 
     def compute_returns(self, obs: TensorDict) -> None:
         """Add the style rewards of the whole rollout in one batch, then compute returns."""
@@ -176,10 +190,15 @@ class Ase(Ppo):
             behind = 0.5 * (figures["agent_accuracy"] + figures["demo_accuracy"]) < ase.max_accuracy
             _descend(self.discriminator_optimizer, loss * behind)
             miss = encoder_loss(self.encoder(agent[rows]), z[rows])
-            _descend(self.encoder_optimizer, miss)
+            anchored = ase.anchor > 0.0 and self.labelled is not None
+            _descend(self.encoder_optimizer, miss + ase.anchor * self._labelled_loss(ase.batch // 2) if anchored else miss)
             for name, value in {**figures, "discriminator": loss.detach(), "encoder": miss.detach()}.items():
                 totals[name] = totals.get(name, 0.0) + value
         return {name: float(total) / ase.updates for name, total in totals.items()}
+
+    def _labelled_loss(self, count: int) -> torch.Tensor:
+        transitions, z = self.labelled(count, self.draw)
+        return encoder_loss(self.encoder(self.normalizer(transitions)), z)
 
 
 def _adam(module: torch.nn.Module, rate: float) -> torch.optim.Adam:

@@ -1,68 +1,92 @@
-"""Behaviour cloning: fit an actor's mean to recorded actions, whatever the latent."""
+"""Behaviour cloning: fit an actor's mean to the actions of clips, given latents of what each clip does."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
-from lacoloco.pipelines.learn.latents import sample_latents
+from lacoloco.pipelines.learn.skill_embedding import SkillEmbedding, uniformity
+
+UNIFORMITY_WEIGHT = 0.02
+"""Enough to reach the uniform distribution's own value within 1 % while the actions' error stays as without it."""
+PAIRS_FROM = 1024
+"""Latents of a batch that are compared with each other."""
 
 
-def clone(
-    actor: MLPModel,
-    frames: torch.Tensor,
-    previous: torch.Tensor,
-    actions: torch.Tensor,
-    noise: torch.Tensor,
-    *,
-    latent_dim: int,
-    action_noise: float,
-    steps: int,
-    batch: int = 4096,
-    learning_rate: float = 1e-3,
-    draw: torch.Generator,
-) -> float:
-    """Minimise the squared error of the mean action; the normaliser learns the same observations.
+@dataclass(frozen=True)
+class Teacher:
+    """What to reproduce, row by row of one timeline.
 
-    The observations are as noisy as the policy's own and the last action as noisy as its exploration, so that the fitted
-    policy forgives both. Latents are random: what they mean is left to the skill discovery that follows.
-
-    Args:
-        actor: over the groups ``policy`` (frame, last action) and ``latent``.
+    Attributes:
         frames: (M, F) clean style frames.
         previous: (M, A) actions before.
         actions: (M, A) actions to reproduce.
         noise: (F + A,) half-ranges of the uniform observation noise.
-        latent_dim: dimension of z.
-        action_noise: standard deviation added to ``previous``.
+        action_noise: standard deviation added to ``previous``: the policy's own exploration.
+    """
+
+    frames: torch.Tensor
+    previous: torch.Tensor
+    actions: torch.Tensor
+    noise: torch.Tensor
+    action_noise: float
+
+    def observe(self, rows: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(n, F + A) noisy observations: the fitted policy must forgive what it will meet."""
+        last = self.previous[rows]
+        last = last + self.action_noise * torch.randn(last.shape, generator=draw, device=draw.device)
+        clean = torch.cat((self.frames[rows], last), dim=-1)
+        spread = 2.0 * torch.rand(clean.shape, generator=draw, device=draw.device) - 1.0
+        return clean + spread * self.noise
+
+
+def clone(
+    actor: MLPModel,
+    embedding: SkillEmbedding,
+    teacher: Teacher,
+    starts: Callable[[int], torch.Tensor],
+    *,
+    steps: int,
+    batch: int = 2048,
+    learning_rate: float = 1e-3,
+    draw: torch.Generator,
+) -> float:
+    """Minimise the squared error of the mean action over actor and embedding together; latents stay uniform.
+
+    Args:
+        actor: over the groups ``policy`` (frame, last action) and ``latent``; its normaliser learns the observations.
+        embedding: gives the latents; learns with the actor.
+        teacher: what to reproduce.
+        starts: ``starts(n)`` draws n rows at which windows begin.
         steps: gradient steps.
         batch: rows per step.
         learning_rate: Adam's, falling linearly to zero.
-        draw: source of randomness, on the device of ``frames``.
+        draw: source of randomness, on the device of the teacher's tensors.
 
     Returns:
-        Root mean squared error of the last batch, in action units.
+        Root mean squared error over the last tenth of the steps, in action units.
     """
 
-    def observe(rows: torch.Tensor) -> TensorDict:
-        last = previous[rows] + action_noise * torch.randn(previous[rows].shape, generator=draw, device=draw.device)
-        clean = torch.cat((frames[rows], last), dim=-1)
-        spread = 2.0 * torch.rand(clean.shape, generator=draw, device=draw.device) - 1.0
-        latent = sample_latents(len(rows), latent_dim, draw)
-        return TensorDict({"policy": clean + spread * noise, "latent": latent}, batch_size=[len(rows)])
+    def observe(windows: torch.Tensor) -> tuple[TensorDict, torch.Tensor]:
+        rows = embedding.moments(windows, draw)
+        groups = {"policy": teacher.observe(rows, draw), "latent": embedding(windows)}
+        return TensorDict(groups, batch_size=[len(rows)]), rows
 
-    def pick(count: int) -> torch.Tensor:
-        return torch.randint(0, len(frames), (count,), generator=draw, device=draw.device)
-
-    actor.update_normalization(observe(pick(4 * batch)))
-    optimizer = torch.optim.Adam(actor.mlp.parameters(), lr=learning_rate, fused=True)
-    error = torch.zeros(())
+    with torch.no_grad():
+        actor.update_normalization(observe(starts(4 * batch))[0])
+    optimizer = torch.optim.Adam([*actor.mlp.parameters(), *embedding.parameters()], lr=learning_rate, fused=True)
+    errors = []
     for step in range(steps):
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / steps)
-        rows = pick(batch)
-        error = (actor(observe(rows)) - actions[rows]).square().mean()
+        observations, rows = observe(starts(batch))
+        error = (actor(observations) - teacher.actions[rows]).square().mean()
+        loss = error + UNIFORMITY_WEIGHT * uniformity(observations["latent"][:PAIRS_FROM])
         optimizer.zero_grad(set_to_none=True)
-        error.backward()
+        loss.backward()
         optimizer.step()
-    return float(error.detach().sqrt())
+        errors.append(error.detach())
+    return float(torch.stack(errors[-max(1, steps // 10) :]).mean().sqrt())

@@ -136,13 +136,6 @@ class Ppo(PPO):
         self.actor.update_normalization(observations)
         self.critic.update_normalization(observations)
 
-    def hold_actor(self, held: bool) -> None:
-        """Let only the critic learn, or let the actor go on at its first rate.
-
-        A critic that knows nothing yet would tear down a policy that was fitted beforehand.
-        """
-        self._set_learning_rate(0.0 if held else self.config.learning_rate)
-
     def compute_returns(self, obs: TensorDict) -> None:
         """Fill returns and advantages; ``obs`` are the observations that the next rollout starts from."""
         storage = self.storage

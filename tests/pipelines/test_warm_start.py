@@ -5,10 +5,11 @@ import torch
 
 from lacoloco.datasets import rotations
 from lacoloco.datasets.clip import Clip
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.physics import CONTROL_DT, PhysicsRequest
 from lacoloco.pipelines.sim.state import RobotState
-from lacoloco.pipelines.warm_start import infer_actions
+from lacoloco.pipelines.warm_start import clip_states, infer_actions, previous_actions
 
 SCALE = 1.5
 
@@ -56,20 +57,38 @@ def next_joint_pos(spec, clip, actions):
     return physics.qpos[:, 7:]
 
 
+def infer(spec, *clips):
+    return infer_actions(spec, clip_states(MotionLibrary(clips)), SCALE)
+
+
 def test_inferred_actions_take_every_moment_to_the_next(solo12):
     clip = performed(solo12)
-    recorded = infer_actions(solo12, [clip], SCALE)
-    # Moments 1 to T - 2: the first has no action before it, the last no state after it.
-    assert len(recorded.actions) == clip.frames - 2
-    assert torch.equal(recorded.previous[1:], recorded.actions[:-1])
+    actions = infer(solo12, clip)
+    assert len(actions) == clip.frames
+    assert not actions[-1].any()  # nothing comes after the last state
+    chosen = actions[1:-1]
     wanted = torch.from_numpy(clip.joint_pos[2:])
-    error = (next_joint_pos(solo12, clip, recorded.actions) - wanted).abs().mean()
-    idle = (next_joint_pos(solo12, clip, torch.zeros_like(recorded.actions)) - wanted).abs().mean()
+    error = (next_joint_pos(solo12, clip, chosen) - wanted).abs().mean()
+    idle = (next_joint_pos(solo12, clip, torch.zeros_like(chosen)) - wanted).abs().mean()
     assert error < 0.4 * idle
     assert error < 0.004
 
 
 def test_two_clips_are_never_taken_for_one(solo12):
     clip = performed(solo12, steps=12)
-    one, two = infer_actions(solo12, [clip], SCALE), infer_actions(solo12, [clip, clip], SCALE)
-    assert torch.allclose(two.actions, torch.cat((one.actions, one.actions)), atol=1e-5)
+    one, two = infer(solo12, clip), infer(solo12, clip, clip)
+    assert torch.allclose(two, torch.cat((one, one)), atol=1e-5)
+    states = clip_states(MotionLibrary([clip, clip]))
+    assert states.last.tolist() == [11] * 12 + [23] * 12
+    assert torch.equal(previous_actions(states, two)[12], two[12])
+    assert torch.equal(previous_actions(states, two)[13:], two[12:-1])
+
+
+def test_states_at_the_control_rate_are_the_recorded_ones(solo12):
+    clip = performed(solo12, steps=12)
+    states = clip_states(MotionLibrary([clip]))
+    assert torch.allclose(states.qpos[:, 7:], torch.from_numpy(clip.joint_pos), atol=1e-6)
+    linear = rotations.rotate(clip.root_quat, clip.root_lin_vel_b)
+    assert torch.allclose(states.qvel[:, :3], torch.from_numpy(linear).float(), atol=1e-5)
+    ids = torch.zeros(3, dtype=torch.long)
+    assert states.rows(ids, torch.tensor([0.0, 0.041, 9.0])).tolist() == [0, 2, 11]

@@ -273,3 +273,41 @@ def test_save_and_load_go_on_bit_for_bit(make_ase, discriminator):
     assert results[0] == results[1]
     for ours, theirs in zip(first.actor.parameters(), second.actor.parameters(), strict=True):
         assert torch.equal(ours, theirs)
+
+
+def test_an_anchored_encoder_learns_the_latents_of_demonstrations(make_ase):
+    """Label and transition are related, so that the encoder can agree with them."""
+
+    def labelled(count, draw):
+        transitions = torch.randn(count, 4, generator=draw)
+        return transitions, project(transitions[:, :LATENT])
+
+    ase = make_ase(encoder_learning_rate=3e-3)
+    ase.labelled = labelled
+    assert ase.fit_encoder(150, batch=256) > 0.9
+
+    def agreement():
+        transitions, z = labelled(500, torch.Generator().manual_seed(5))
+        return float((ase.encoder(ase.normalizer(transitions)) * z).sum(dim=-1).mean())
+
+    assert agreement() > 0.85
+
+
+def test_the_anchor_holds_while_the_policy_says_otherwise(make_ase):
+    """Random latents say nothing about random transitions: only the labels can keep the encoder."""
+
+    def labelled(count, draw):
+        transitions = torch.randn(count, 4, generator=draw)
+        return transitions, project(transitions[:, :LATENT])
+
+    kept = {}
+    for anchor in (0.0, 1.0):
+        ase = make_ase(encoder_learning_rate=3e-3, anchor=anchor)
+        ase.labelled = labelled
+        ase.fit_encoder(100, batch=256)
+        for _ in range(60):
+            ase.compute_returns(fill(ase))
+            ase.update()
+        transitions, z = labelled(500, torch.Generator().manual_seed(5))
+        kept[anchor] = float((ase.encoder(ase.normalizer(transitions)) * z).sum(dim=-1).mean().detach())
+    assert kept[1.0] > kept[0.0] + 0.05

@@ -1,0 +1,94 @@
+"""A latent for every piece of a clip: what the policy's latents mean before any skill was discovered.
+
+The paper's latents mean nothing at first; skill discovery gives them a meaning while the policy learns to move at all.
+With recorded clips the two can be separated: a window of a clip is mapped to the sphere together with a policy that must
+recover the clip's actions from it (a conditional autoencoder), and the latents are kept uniform, because uniform ones are
+what the policy will be given. Discovery then goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from rsl_rl.modules import MLP
+from torch import nn
+
+from lacoloco.pipelines.learn.latents import project
+
+
+@dataclass(frozen=True)
+class WindowConfig:
+    """What one latent describes.
+
+    Attributes:
+        steps: length of a window in control steps.
+        ahead: the latent of a window stands for every moment of its first ``ahead`` steps, so that it says what is being
+            done and not at which phase of a stride.
+        frames: equally spaced frames of a window that are looked at.
+        hidden: widths of the embedding's hidden layers.
+    """
+
+    steps: int = 50
+    ahead: int = 25
+    frames: int = 8
+    hidden: tuple[int, ...] = (256, 128)
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Style frames of all clips in a row: (M, F), and the row of the last frame of the clip that each belongs to (M,)."""
+
+    frames: torch.Tensor
+    last: torch.Tensor
+
+
+class SkillEmbedding(nn.Module):
+    """Windows of a timeline -> unit latents."""
+
+    def __init__(self, timeline: Timeline, latent_dim: int, config: WindowConfig) -> None:
+        """Build an ELU MLP over normalised frames; the timeline itself is not part of the state."""
+        super().__init__()
+        frames = timeline.frames
+        mean, std = frames.mean(dim=0), frames.std(dim=0).clamp_min(1e-3)
+        self.config, self._last, self._normalized = config, timeline.last, (frames - mean) / std
+        self._offsets = torch.linspace(0, config.steps, config.frames, device=frames.device).round().long()
+        width = frames.shape[1] * config.frames
+        self.mlp = MLP(width, latent_dim, list(config.hidden), "elu").to(frames.device)
+
+    def forward(self, starts: torch.Tensor) -> torch.Tensor:
+        """(n,) rows at which windows begin -> (n, dim) latents; a window that leaves its clip repeats the last frame."""
+        rows = torch.minimum(starts[:, None] + self._offsets, self._last[starts][:, None])
+        return project(self.mlp(self._normalized[rows].flatten(1)))
+
+    def moments(self, starts: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(n,) rows, each drawn from the moments for which the latent of the window at ``starts`` stands.
+
+        The last frame of a clip is never among them: every moment has a next frame.
+        """
+        ahead = torch.randint(0, self.config.ahead + 1, starts.shape, generator=draw, device=draw.device)
+        return torch.minimum(starts + ahead, self._last[starts] - 1)
+
+
+class LabelledTransitions:
+    """Demonstrated transitions with the latents of their windows, for a skill encoder to agree with."""
+
+    def __init__(self, timeline: Timeline, embedding: SkillEmbedding, starts: Callable[[int], torch.Tensor]) -> None:
+        """``starts(n)`` draws n rows of the timeline."""
+        self.frames, self.embedding, self.starts = timeline.frames, embedding, starts
+
+    @torch.no_grad()
+    def __call__(self, count: int, draw: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """(count, 2F) raw transitions, older frame first, and (count, dim) latents."""
+        starts = self.starts(count)
+        rows = self.embedding.moments(starts, draw)
+        return torch.cat((self.frames[rows], self.frames[rows + 1]), dim=-1), self.embedding(starts)
+
+
+def uniformity(z: torch.Tensor) -> torch.Tensor:
+    """Scalar log E exp(-2 |z - z'|^2) over pairs of (n, dim) unit vectors: least for the uniform distribution.
+
+    Wang & Isola, "Understanding Contrastive Representation Learning through Alignment and Uniformity" (2020).
+    """
+    return torch.pdist(z).square().mul(-2.0).exp().mean().log()
