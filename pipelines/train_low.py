@@ -203,7 +203,6 @@ class LowTrainer:
             previous_actions(self.clips, actions),
             actions,
             noise_scale(env.terms).to(env.device),
-            config.std[0],
         )
         error = clone(
             self.algorithm.actor, self.embedding, teacher, self._starts, steps=config.warm_start, draw=self.draw

@@ -26,14 +26,15 @@ class Teacher:
         previous: (M, A) actions before.
         actions: (M, A) actions to reproduce.
         noise: (F + A,) half-ranges of the uniform observation noise.
-        action_noise: standard deviation added to ``previous``: the policy's own exploration.
+        action_noise: standard deviation added to ``previous``; more than exploration will add, because a policy that may
+            trust its last action repeats it and never leaves a standing start.
     """
 
     frames: torch.Tensor
     previous: torch.Tensor
     actions: torch.Tensor
     noise: torch.Tensor
-    action_noise: float
+    action_noise: float = 0.12
 
     def observe(self, rows: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
         """(n, F + A) noisy observations: the fitted policy must forgive what it will meet."""
