@@ -51,6 +51,7 @@ class BenchConfig:
 PRESETS: dict[str, Callable[[], BenchConfig]] = {
     "smoke": lambda: BenchConfig(worlds=8, steps=4, rounds=2, clips=2),
     "laptop": lambda: BenchConfig(),
+    "gpu": lambda: BenchConfig(worlds=4096),
     "paper": lambda: BenchConfig(worlds=4096),
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,21 @@ def smoke() -> TrainHighConfig:
     )
 
 
-PRESETS: dict[str, Callable[[], TrainHighConfig]] = {"smoke": smoke, "laptop": laptop}
+def gpu() -> TrainHighConfig:
+    """The laptop's recipe on a GPU's width: as many more decisions as the low level has more samples."""
+    base = laptop()
+    return replace(base, worlds=4096, decisions=13_000_000, ppo=replace(base.ppo, minibatches=8))
+
+
+def paper() -> TrainHighConfig:
+    """The paper's budget: 2000 iterations of 32 decisions in 4096 worlds, 1310 M control steps (facts 3)."""
+    base = gpu()
+    return replace(
+        base, decisions=2000 * 32 * base.worlds, ppo=replace(base.ppo, horizon=32, epochs=6)
+    )
+
+
+PRESETS: dict[str, Callable[[], TrainHighConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": paper}
 
 
 def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageResult:

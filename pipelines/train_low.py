@@ -89,7 +89,30 @@ def smoke() -> TrainLowConfig:
     )
 
 
-PRESETS: dict[str, Callable[[], TrainLowConfig]] = {"smoke": smoke, "laptop": laptop}
+def gpu() -> TrainLowConfig:
+    """The laptop's recipe on a GPU's width: eight times the worlds, thirteen times the samples, batches to match."""
+    base = laptop()
+    return replace(
+        base,
+        worlds=4096,
+        samples=40_000_000,
+        ppo=replace(base.ppo, horizon=32, minibatches=8),
+        ase=replace(base.ase, batch=4096, updates=8),
+    )
+
+
+def paper() -> TrainLowConfig:
+    """The paper's budget, 7000 iterations of 32 steps in 4096 worlds, and its ramp of the constraint (facts 3, 6)."""
+    base = gpu()
+    return replace(
+        base,
+        samples=7000 * 32 * base.worlds,
+        cat_ramp=(5 / 7, 1.0),
+        ppo=replace(base.ppo, epochs=6),
+    )
+
+
+PRESETS: dict[str, Callable[[], TrainLowConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": paper}
 
 
 def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path]) -> StageResult:
