@@ -10,7 +10,10 @@ from typing import Any
 import torch
 from tensordict import TensorDict
 
+from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.episodes import play_episodes
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
@@ -21,7 +24,7 @@ from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import remove_checkpoints, train
+from lacoloco.pipelines.training import begin, remove_checkpoints, train
 from lacoloco.pipelines.worlds import perhaps_any
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -92,16 +95,18 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     Raises:
         ArtifactError: ``low`` is missing, damaged, or holds no low level.
     """
+    mine = shared(config)
     artifact, policies = load_policies(low, "low", device=context.device)
     spec = load_robot(artifact.robot)
     method = artifact.metadata["method"]
-    directory = context.store.begin(
-        context.run, "train-high", resume=context.resume, label=f"{method}-seed{context.seed}"
-    )
-    trainer = HighTrainer(spec, policies["low"], config, seed=context.seed, device=context.device)
+    directory = begin(context, "train-high", f"{method}-seed{context.seed}")
+    seed = parallel.own_seed(context.seed)
+    trainer = HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
     metrics = train(
         trainer, trainer.iterations, directory.path, context, f"train-high {method} seed {context.seed}", SHOWN
     )
+    if parallel.rank():
+        return StageResult(directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics})
     metrics |= _before_and_after(spec, policies["low"], trainer.policy(), config, context)
     save_policies(
         directory.file("artifact.h5"),
@@ -115,6 +120,19 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     )
     remove_checkpoints(directory.path)
     return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+
+
+def shared(config: TrainHighConfig) -> TrainHighConfig:
+    """What one of several processes does of it: its part of the worlds and the decisions.
+
+    Raises:
+        StageError: the worlds cannot be shared equally.
+    """
+    try:
+        worlds = parallel.share(config.worlds)
+    except ValueError as error:
+        raise StageError(f"{error}; --set worlds to a multiple") from error
+    return replace(config, worlds=worlds, decisions=config.decisions // parallel.size())
 
 
 def _before_and_after(

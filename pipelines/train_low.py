@@ -12,8 +12,10 @@ from tensordict import TensorDict
 
 from lacoloco.datasets.clip import Clip, load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.coverage import skill_coverage
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.cloning import clone
@@ -27,7 +29,7 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
 from lacoloco.pipelines.sim.tasks import imitate_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import has_checkpoint, remove_checkpoints, train
+from lacoloco.pipelines.training import begin, has_checkpoint, remove_checkpoints, train
 from lacoloco.pipelines.warm_start import infer_actions
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -122,16 +124,15 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         StageError: the artifacts hold clips of different robots.
         ArtifactError: an input is missing or damaged.
     """
+    mine = shared(config)
     clips, spec = load_motions(motions)
     method = f"{config.ase.discriminator}{'-cat' if config.cat else ''}"
-    directory = context.store.begin(
-        context.run, "train-low", resume=context.resume, label=f"{method}-seed{context.seed}"
-    )
+    directory = begin(context, "train-low", f"{method}-seed{context.seed}")
     shares = dict(config.skill_shares)
     library = MotionLibrary(
         clips, context.device, weighting="skill" if shares else "duration", skill_shares=shares or None
     )
-    trainer = LowTrainer(spec, library, config, seed=context.seed, device=context.device)
+    trainer = LowTrainer(spec, library, mine, seed=parallel.own_seed(context.seed), device=context.device)
     # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
     if config.warm_start and not has_checkpoint(directory.path):
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
@@ -139,6 +140,8 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     metrics = train(
         trainer, trainer.iterations, directory.path, context, f"train-low {method} seed {context.seed}", SHOWN
     )
+    if parallel.rank():
+        return StageResult(directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics})
     policy = trainer.policy()
     metrics |= trainer.closing_figures() | skill_coverage(spec, policy, library, seed=context.seed)
     save_policies(
@@ -153,6 +156,23 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     )
     remove_checkpoints(directory.path)
     return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+
+
+def shared(config: TrainLowConfig) -> TrainLowConfig:
+    """What one of several processes does of it: its part of the worlds, the samples and each batch.
+
+    Raises:
+        StageError: the worlds or the batches cannot be shared equally.
+    """
+    ase = config.ase
+    try:
+        rows = {name: parallel.share(getattr(ase, name)) for name in ("batch", "replay_capacity")}
+        worlds = parallel.share(config.worlds)
+    except ValueError as error:
+        raise StageError(f"{error}; --set worlds, ase.batch and ase.replay_capacity to multiples") from error
+    return replace(
+        config, worlds=worlds, samples=config.samples // parallel.size(), ase=replace(ase, **rows)
+    )
 
 
 def load_motions(paths: Sequence[Path]) -> tuple[list, RobotSpec]:
@@ -213,7 +233,7 @@ class LowTrainer:
     def warm_start(self, clips: Sequence[Clip]) -> float:
         """Begin with a policy that goes on in the clips' motions; returns the error of its actions (raw units, rms)."""
         recorded = infer_actions(self.spec, clips, self.env.task.action_scale, str(self.env.device))
-        return clone(
+        error = clone(
             self.algorithm.actor,
             recorded.frames,
             recorded.previous,
@@ -224,6 +244,8 @@ class LowTrainer:
             steps=self.config.warm_start,
             draw=self.draw,
         )
+        parallel.copy_from_first(self.algorithm.actor)
+        return error
 
     def demonstrations(self, count: int) -> torch.Tensor:
         """(count, 2F) clean style transitions of the clips, older frame first, like the agent's (facts 9.2, B1)."""
@@ -253,7 +275,7 @@ class LowTrainer:
         algorithm.compute_returns(obs)
         figures = algorithm.update()
         sums = tally.read()
-        self.recent_falls.append(sums["falls"])
+        self.recent_falls.append(sums["falls"] * parallel.size())
         return figures | {
             "speed": sums["speed"] / config.ppo.horizon,
             "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
