@@ -25,6 +25,7 @@ _COMPLETE = re.compile(r"(\d{4,})")
 _PARTIAL = re.compile(r"\.(\d{4,})(?:-(.+))?\.partial")
 _LAST = ".last"
 _LOCK = ".lock"
+_NUMBERING = ".numbering"
 
 
 @dataclass
@@ -201,20 +202,19 @@ class RunStore:
 
     def _begin(self, run: str, stage: str, label: str) -> StageDir:
         directory = self.directory(run, stage)
-        while True:
-            taken = [0, *(int(s.final.name) for s in self.partials(run, stage))]
-            taken += [int(p.name) for p in _list(directory) if _COMPLETE.fullmatch(p.name)]
-            final = directory / f"{max(taken) + 1:04d}"
-            path = directory / f".{final.name}{f'-{label}' if label else ''}.partial"
-            with storage_errors(path, "create the run directory"):
-                directory.mkdir(parents=True, exist_ok=True)
-                try:
-                    path.mkdir()
-                except FileExistsError:  # another process took the number first
-                    continue
-            stage_dir = StageDir(path, final, label)
-            stage_dir.claim()
-            return stage_dir
+        with storage_errors(directory, "create the run directory"):
+            directory.mkdir(parents=True, exist_ok=True)
+            # Two processes with different labels would take the same number without seeing it.
+            with (self.root / _NUMBERING).open("wb") as turn:
+                fcntl.lockf(turn, fcntl.LOCK_EX)
+                taken = [0, *(int(s.final.name) for s in self.partials(run, stage))]
+                taken += [int(p.name) for p in _list(directory) if _COMPLETE.fullmatch(p.name)]
+                final = directory / f"{max(taken) + 1:04d}"
+                path = directory / f".{final.name}{f'-{label}' if label else ''}.partial"
+                path.mkdir()
+        stage_dir = StageDir(path, final, label)
+        stage_dir.claim()
+        return stage_dir
 
     def _resume(self, run: str, stage: str, label: str) -> StageDir:
         found = self.partials(run, stage, label)

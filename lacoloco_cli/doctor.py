@@ -6,10 +6,11 @@ import os
 import platform
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
@@ -22,6 +23,9 @@ app = typer.Typer()
 
 MODULES = {"pin": "pinocchio", "rsl-rl-lib": "rsl_rl", "mujoco": "mujoco.batch"}
 """Distribution -> module that shows it works, where the names differ."""
+
+DRIVERS = ("gpu", "driver", "cuda", "torch", "warp-lang", "mujoco-warp")
+"""What a GPU run depends on, of all that is known about the machine."""
 
 MUJOCO_FIX = "pip install --force-reinstall --no-deps mujoco mujoco-core mujoco-studio"
 
@@ -37,23 +41,37 @@ class Check:
 
 
 @verb(app, shared=READING)
-def doctor(session: Session) -> None:
+def doctor(
+    session: Session,
+    bench: Annotated[
+        bool, typer.Option("--bench", help="Measure that engine for ten seconds.")
+    ] = False,
+) -> None:
     """Check the installation and say which engine would be used, and why."""
+    from lacoloco.pipelines.machine import describe_machine
+
     checks = [check_python(), *check_requirements(), check_mujoco(), check_solver()]
     checks += [check_runs(session.store.root), check_simulation()]
     engine, reason = choose_engine()
     healthy = all(check.ok for check in checks)
-    payload = {
+    machine = describe_machine()
+    payload: dict[str, Any] = {
         "ok": healthy,
         "engine": engine,
         "reason": reason,
+        "machine": machine,
         "checks": [asdict(check) for check in checks],
     }
+    if bench:
+        payload["throughput"] = throughput("cuda" if machine["gpu"] else "cpu")
 
     def show() -> None:
         rows = [("ok" if c.ok else "FAILS", c.name, c.found, c.fix) for c in checks]
         console.print_table(["", "check", "found", "what to do"], rows)
         typer.echo(f"engine: {engine} ({reason})")
+        typer.echo(", ".join(f"{name} {machine[name] or 'none'}" for name in DRIVERS))
+        for name, rate in payload.get("throughput", {}).items():
+            typer.echo(f"{name}: {console.rate_text(rate)} control steps/s")
 
     session.answer(payload, show)
     if not healthy:
@@ -150,10 +168,26 @@ def check_runs(root: Path) -> Check:
     return Check("runs folder", True, str(root))
 
 
+def throughput(device: str) -> dict[str, float]:
+    """Control steps per second of the environment loop and of training, in about ten seconds."""
+    from lacoloco.pipelines.bench import PRESETS, bench_sim, bench_train
+
+    preset = PRESETS["gpu" if device == "cuda" else "laptop"]()
+    config = replace(preset, rounds=1000, seconds=5.0)
+    return {
+        "environment loop": bench_sim(config, device=device)["steps_per_second"],
+        "low-level training": bench_train(config, device=device)["steps_per_second"],
+    }
+
+
 def choose_engine() -> tuple[str, str]:
     """Name the fastest engine that this machine can use, and the reason."""
-    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    cpu = f"mujoco.batch on the CPU, {threads} threads"
+    from lacoloco.pipelines.machine import cores
+    from lacoloco.pipelines.sim.engines import ENGINE_VARIABLE
+
+    cpu = f"mujoco.batch on the CPU, {cores()} threads"
+    if os.environ.get(ENGINE_VARIABLE) == "warp":
+        cpu = "MuJoCo Warp on the CPU, slow, because LACOLOCO_PHYSICS=warp"
     if find_spec("mujoco_warp") is None:
         return cpu, "MuJoCo Warp is not installed; pip install 'lacoloco[gpu]' for --device cuda"
     try:

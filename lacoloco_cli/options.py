@@ -21,7 +21,7 @@ Run = Annotated[
 ]
 Preset = Annotated[
     str,
-    _option("--preset", metavar="NAME", help="Size of the work: smoke, laptop or paper."),
+    _option("--preset", metavar="NAME", help="Size of the work: smoke, laptop, gpu or paper."),
 ]
 Set = Annotated[
     list[str] | None,

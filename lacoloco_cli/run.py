@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from lacoloco_cli import console
+from lacoloco_cli.campaign import Campaign, run_campaign
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import STAGE, Seeds
 from lacoloco_cli.session import Session, path_text, verb
@@ -37,11 +38,43 @@ def run(
         typer.Option("--mocap", help="A .bvh to retarget instead of the sample; may be repeated."),
     ] = None,
     seeds: Seeds = 1,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            "--methods",
+            metavar="all|NAME,...",
+            help="Several methods, each seed of each in a job of its own: gan-cat, drail, ...",
+        ),
+    ] = None,
+    executor: Annotated[
+        str | None,
+        typer.Option("--executor", metavar="local|slurm", help="Where the jobs run.", show_default="local"),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", min=1, help="So many jobs at a time; default: 1, on Slurm all."),
+    ] = None,
+    slurm: Annotated[
+        list[str] | None,
+        typer.Option("--slurm", metavar="KEY=VALUE", help="Parameter of Slurm; may be repeated."),
+    ] = None,
+    status: Annotated[
+        bool, typer.Option("--status", help="Only show how far the jobs' trainings are.")
+    ] = False,
 ) -> None:
-    """Run an experiment from nothing: motions, both levels, evaluation, ONNX, pages to watch."""
+    """Run an experiment from nothing: motions, both levels, evaluation, ONNX, pages to watch.
+
+    With --methods or --executor: motions, then both levels of every method and seed, each in a job
+    of its own, then the evaluation of all. Given again, it does what is missing.
+    """
     from lacoloco.pipelines import experiments
 
     name = known_name(name, experiments.EXPERIMENTS)
+    if methods or executor or status:
+        chosen = methods or (f"{disc}-cat" if cat else disc)
+        many = Campaign(name, chosen, seeds, executor or "local", jobs, slurm or [], mocap or [])
+        run_campaign(session, many, status=status)
+        return
     method = f"{disc}-cat" if cat else disc
     if method not in experiments.METHODS:
         raise UserError(f"--disc {disc}: use gan or drail")

@@ -53,6 +53,16 @@ class Session:
     """Whether the verb has `--resume`."""
     _answer: dict[str, Any] | None = field(default=None, init=False)
 
+    @property
+    def processes(self) -> int:
+        """How many processes torchrun started for this call; 1 without it."""
+        return int(os.environ.get("WORLD_SIZE", "1"))
+
+    @property
+    def speaks(self) -> bool:
+        """Whether this process gives the answer: the only one, or the first of torchrun's."""
+        return self.processes == 1 or os.environ.get("RANK", "0") == "0"
+
     @cached_property
     def store(self) -> RunStore:
         """The run directories of the working directory, or of `$LACOLOCO_RUNS`."""
@@ -68,7 +78,7 @@ class Session:
     @cached_property
     def progress(self) -> Progress:
         """Where the stage shows how far it is."""
-        return console.progress(self.quiet)
+        return console.progress(self.quiet or not self.speaks)
 
     @property
     def command(self) -> str:
@@ -96,8 +106,9 @@ class Session:
         from lacoloco.pipelines.stage import StageContext
 
         check_device(self.device)
-        self.store.use(self.run_name)
-        if not self.resume:
+        if self.speaks:
+            self.store.use(self.run_name)
+        if self.speaks and not self.resume:
             remember(self.store, self.run_name, self.verb, self.arguments[1:])
         return StageContext(
             store=self.store,
@@ -117,6 +128,8 @@ class Session:
             show: Prints the same for a person; default: one `key: value` line each.
         """
         self.progress.stop()
+        if not self.speaks:
+            return
         if self.as_json:
             self._answer = {**(self._answer or {}), **payload}
         elif show is not None:
@@ -154,6 +167,7 @@ def verb(
     shared: Sequence[Parameter] = options.STAGE,
     preset: str | None = None,
     names_run: str | None = None,
+    torchrun: bool = False,
 ) -> Callable[[options.Body], options.Body]:
     """Register a function `(session, own options...)` as a command with the shared options.
 
@@ -163,6 +177,7 @@ def verb(
         shared: `options.STAGE`, `options.IN_A_RUN` or `options.READING`.
         preset: Another default for `--preset`.
         names_run: The own option that names the run unless `--run` does.
+        torchrun: Whether several processes can do this together.
     """
 
     def register(body: options.Body) -> options.Body:
@@ -178,6 +193,8 @@ def verb(
             session.resumable = "resume" in names
             session.run = session.run or values.get(names_run or "")
             with guarded(session):
+                if session.processes > 1 and not torchrun:
+                    raise UserError("torchrun starts only train-low and train-high; leave it out")
                 if session.resume:
                     values |= session.recall(ctx)
                 body(session, **values)
@@ -220,7 +237,7 @@ def guarded(session: Session) -> Iterator[None]:
                 traceback.print_exc()
             line, code = explain(error)
             console.note(f"error: {line}")
-    if session.as_json:
+    if session.as_json and session.speaks:
         failure = {"error": line, "exit_code": code}
         typer.echo(to_json(failure if line else session._answer or {}))
     if code:

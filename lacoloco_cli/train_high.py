@@ -14,7 +14,7 @@ from lacoloco_cli.training import train_seeds
 app = typer.Typer()
 
 
-@verb(app)
+@verb(app, torchrun=True)
 def train_high(
     session: Session,
     low: Annotated[

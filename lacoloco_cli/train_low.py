@@ -19,7 +19,7 @@ DISCRIMINATORS = ("gan", "drail")
 MAKE_MOTIONS = ("generate", "retarget")
 
 
-@verb(app)
+@verb(app, torchrun=True)
 def train_low(
     session: Session,
     disc: Annotated[

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lacoloco_cli import console
-from lacoloco_cli.session import Session, path_text
+from lacoloco_cli.session import Session, check_device, path_text
 
 if TYPE_CHECKING:
     from lacoloco.pipelines.stage import StageContext, StageResult
@@ -24,7 +24,7 @@ def train_seeds(
     train: Callable[[StageContext], StageResult],
     shown: Sequence[str],
 ) -> None:
-    """Train one seed after the other and show them together.
+    """Train one seed after the other and show them together; under torchrun, all processes do.
 
     Args:
         session: The call.
@@ -32,10 +32,14 @@ def train_seeds(
         train: Trains the seed of its context.
         shown: Figures for the table; `--json` has them all.
     """
+    from lacoloco.pipelines.learn import parallel
+
     trained = []
-    for context in contexts(session, count):
-        result = train(context)
-        trained.append({"artifact": path_text(result.artifact), **result.metrics})
+    check_device(session.device)
+    with parallel.group(session.device):
+        for context in contexts(session, count):
+            result = train(context)
+            trained.append({"artifact": path_text(result.artifact), **result.metrics})
     answer = dict(trained[-1])
     if count > 1:
         answer["seeds"] = trained

@@ -5,9 +5,9 @@ Absolute rates on shared machines mean little; the ratio to the engine, taken in
 
 from __future__ import annotations
 
-import os
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
@@ -20,6 +20,7 @@ from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.rotations import from_yaw
 from lacoloco.pipelines import train_low
+from lacoloco.pipelines.machine import cores
 from lacoloco.pipelines.sim.bare_engine import bare_engine
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.tasks import TASKS
@@ -39,19 +40,32 @@ class BenchConfig:
         worlds: parallel worlds.
         steps: control steps per round of ``sim``.
         rounds: rounds of ``sim`` and iterations of ``train``; medians count.
+        seconds: no further round is begun after so many, but two are measured.
         clips: ten-second clips of the made-up library that ``train`` imitates.
+        recipe: preset of ``train-low`` that ``train`` takes everything else from.
     """
 
     worlds: int = 512
     steps: int = 40
     rounds: int = 9
+    seconds: float = math.inf
     clips: int = 140
+    recipe: str = "laptop"
+
+    def turns(self) -> Iterator[int]:
+        """The numbers of the rounds, as long as there is time."""
+        begin = time.perf_counter()
+        for index in range(self.rounds):
+            if index >= 2 and time.perf_counter() - begin > self.seconds:
+                return
+            yield index
 
 
 PRESETS: dict[str, Callable[[], BenchConfig]] = {
     "smoke": lambda: BenchConfig(worlds=8, steps=4, rounds=2, clips=2),
     "laptop": lambda: BenchConfig(),
-    "paper": lambda: BenchConfig(worlds=4096),
+    "gpu": lambda: BenchConfig(worlds=4096, recipe="gpu"),
+    "paper": lambda: BenchConfig(worlds=4096, recipe="paper"),
 }
 
 
@@ -72,7 +86,7 @@ def bench_sim(config: BenchConfig, *, robot: str = "solo12", task: str = "walk",
     engine, wait = bare_engine(env.physics), _wait_for(device)
     _loop(env, _actions(env, 50))
     loops, bare = [], []
-    for index in range(config.rounds):
+    for index in config.turns():
         actions = _actions(env, config.steps)
         engine.load(_targets(env, actions))
         legs = [(loops, partial(_loop, env, actions)), (bare, engine.run)]
@@ -89,7 +103,7 @@ def bench_sim(config: BenchConfig, *, robot: str = "solo12", task: str = "walk",
 def bench_train(
     config: BenchConfig, *, robot: str = "solo12", disc: str = "drail", cat: bool = True, device: str = "cpu"
 ) -> dict[str, Any]:
-    """The whole low-level training with the laptop's configuration, on clips made up here.
+    """The whole low-level training with the configuration of ``config.recipe``, on clips made up here.
 
     Returns:
         As :func:`bench_sim`; the shares are those of a training iteration.
@@ -98,7 +112,7 @@ def bench_train(
         RobotError: unknown robot.
         StageError: a device without an engine.
     """
-    spec, preset = load_robot(robot), train_low.laptop()
+    spec, preset = load_robot(robot), train_low.PRESETS[config.recipe]()
     if config.worlds < preset.worlds:  # a smoke test
         preset = replace(preset, ppo=replace(preset.ppo, horizon=min(config.steps, preset.ppo.horizon)))
     preset = replace(preset, worlds=config.worlds, cat=cat, ase=replace(preset.ase, discriminator=disc))
@@ -107,7 +121,7 @@ def bench_train(
     engine, wait = bare_engine(trainer.env.physics), _wait_for(device)
     trainer.iterate(0.0)
     loops, bare = [], []
-    for _ in range(config.rounds):
+    for _ in config.turns():
         actions = _actions(trainer.env, preset.ppo.horizon)
         engine.load(_targets(trainer.env, actions))
         bare.append(_time(engine.run, wait))
@@ -167,8 +181,8 @@ def _wait_for(device: str) -> Callable[[], None]:
 
 
 def _facts(env: LeggedEnv, robot: str, device: str) -> dict[str, Any]:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {"robot": robot, "device": device, "worlds": env.num_worlds, "cores": cores}
+    engine = type(env.physics).__name__
+    return {"robot": robot, "device": device, "engine": engine, "worlds": env.num_worlds, "cores": cores()}
 
 
 def _rates(samples: int, loops: list[float], bare: list[float]) -> dict[str, float]:

@@ -37,6 +37,8 @@ class EvalConfig:
 PRESETS: dict[str, Callable[[], EvalConfig]] = {
     "smoke": lambda: EvalConfig(episodes=16, selection_episodes=8, worlds=16),
     "laptop": lambda: EvalConfig(),
+    "gpu": lambda: EvalConfig(worlds=4096),
+    "paper": lambda: EvalConfig(worlds=4096),
 }
 
 

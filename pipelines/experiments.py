@@ -88,6 +88,49 @@ def run(
     return list(chain.run(range(context.seed, context.seed + seeds)))
 
 
+def make_motions(name: str, context: StageContext, *, preset: str, mocap: Sequence[Path] = ()) -> list[Path]:
+    """The motions that an experiment's low level learns from; those that are there already are kept.
+
+    Raises:
+        StageError: unknown experiment or preset.
+    """
+    chain = _chain(name, context, preset, mocap=mocap)
+    return [chain.stage(maker, chain.context, **chain.sources(maker)).artifact for maker in chain.experiment.learn_from]
+
+
+def train_both(name: str, context: StageContext, *, preset: str, method: str) -> Path:
+    """Both levels of one method and seed on the run's newest motions; a level that is there already is kept.
+
+    Returns:
+        The high level's artifact.
+
+    Raises:
+        StageError: unknown experiment, preset or method.
+        ArtifactError: the run has no motions.
+    """
+    chain = _chain(name, context, preset, method)
+    motions = [chain.newest(maker) for maker in chain.experiment.learn_from]
+    low = chain.stage("train-low", chain.context, motions=motions)
+    return chain.stage("train-high", chain.context, low=low.artifact).artifact
+
+
+def evaluate(name: str, context: StageContext, *, preset: str, policies: Sequence[Path]) -> Outcome:
+    """Evaluate high levels of several methods and seeds together, one row each.
+
+    Raises:
+        StageError: unknown experiment or preset.
+    """
+    return _chain(name, context, preset).stage("eval", context, policies=list(policies))
+
+
+def _chain(
+    name: str, context: StageContext, preset: str, method: str = "drail-cat", mocap: Sequence[Path] = ()
+) -> _Chain:
+    experiment = _known(EXPERIMENTS, name, "experiment")
+    _known(METHODS, method, "method")
+    return _Chain(experiment, replace(context, resume=True), preset, method, list(mocap))
+
+
 class _Chain:
     """Runs one experiment's stages in order, feeding each the newest artifacts of those before it."""
 
@@ -97,37 +140,43 @@ class _Chain:
         self.experiment, self.context, self.preset, self.method, self.mocap = experiment, context, preset, method, mocap
 
     def run(self, seeds: range) -> Iterator[Outcome]:
+        """All stages in order."""
         for maker in self.experiment.makers:
-            yield self._stage(maker, self.context, **self._sources(maker))
-        motions = [self._newest(maker) for maker in self.experiment.learn_from]
+            yield self.stage(maker, self.context, **self.sources(maker))
+        motions = [self.newest(maker) for maker in self.experiment.learn_from]
         policies = []
         for seed in seeds:
             context = replace(self.context, seed=seed)
-            low = self._stage("train-low", context, motions=motions)
+            low = self.stage("train-low", context, motions=motions)
             yield low
-            high = self._stage("train-high", context, low=low.artifact)
+            high = self.stage("train-high", context, low=low.artifact)
             policies.append(high.artifact)
             yield high
-        evaluation = self._stage("eval", self.context, policies=policies)
+        evaluation = self.stage("eval", self.context, policies=policies)
         yield evaluation
         best = self._best(evaluation.artifact, policies)
-        yield self._stage("export", self.context, policy=best)
-        for source in (*(self._newest(maker) for maker in self.experiment.makers), best):
-            yield self._stage("play", self.context, source=source)
+        yield self.stage("export", self.context, policy=best)
+        for source in (*(self.newest(maker) for maker in self.experiment.makers), best):
+            yield self.stage("play", self.context, source=source)
 
-    def _sources(self, maker: str) -> dict[str, Any]:
+    def sources(self, maker: str) -> dict[str, Any]:
+        """What a stage that makes motions takes."""
         if maker == "generate":
             return {"robot": self.experiment.robot}
         return {"robot": self.experiment.robot, **({"sources": self.mocap} if self.mocap else {})}
 
-    def _stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:
+    def stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:
+        """Run one stage; with ``context.resume``, keep it where it is complete and go on where it is not."""
         module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
         config = self._config(module, verb)
         done = self._done(verb, context.seed) if context.resume and verb not in ("play", "eval", "export") else None
         begin = time.monotonic()
         if done is not None:
             return Outcome(verb, 0.0, "kept", done)
-        unfinished = bool(context.store.partials(context.run, verb))
+        label = f"{self.method}-seed{context.seed}" if verb in ("train-low", "train-high") else ""
+        # What takes long in generate, and has checkpoints, is the training of its experts.
+        worked_in = "experts" if verb == "generate" else verb
+        unfinished = bool(context.store.partials(context.run, worked_in, label))
         result: StageResult = module.run(config, replace(context, resume=context.resume and unfinished), **inputs)
         return Outcome(verb, time.monotonic() - begin, headline(verb, result.metrics), result.artifact)
 
@@ -150,7 +199,8 @@ class _Chain:
                 return path
         return None
 
-    def _newest(self, verb: str) -> Path:
+    def newest(self, verb: str) -> Path:
+        """The run's newest artifact of a stage."""
         return self.context.store.newest(self.context.run, verb)
 
     def _best(self, evaluation: Path, policies: list[Path]) -> Path:

@@ -49,6 +49,12 @@ def reach_expert() -> ExpertConfig:
     return ExpertConfig(std=(0.25, 0.1))
 
 
+def wide(expert: ExpertConfig, iterations: int) -> ExpertConfig:
+    """An expert's recipe on a GPU's width, for so many iterations of 4096 worlds."""
+    ppo = replace(expert.ppo, minibatches=6)
+    return replace(expert, worlds=4096, samples=iterations * ppo.horizon * 4096, ppo=ppo)
+
+
 def smoke_expert() -> ExpertConfig:
     """Two iterations of a tiny network."""
     return ExpertConfig(

@@ -18,6 +18,7 @@ from lacoloco.pipelines.experts import (
     clean,
     reach_expert,
     smoke_expert,
+    wide,
 )
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -63,7 +64,17 @@ def smoke() -> GenerateConfig:
     return GenerateConfig(smoke_expert(), smoke_expert(), walk_clips=3, reach_clips=2, seconds=0.2, lead_in=0.02)
 
 
-PRESETS: dict[str, Callable[[], GenerateConfig]] = {"smoke": smoke, "laptop": laptop}
+def gpu() -> GenerateConfig:
+    """The paper's clips from experts with thirteen times the laptop's samples each."""
+    return GenerateConfig(wide(ExpertConfig(), 330), wide(reach_expert(), 330))
+
+
+def paper() -> GenerateConfig:
+    """The paper's clips from experts with the budgets of its Solo12 experts: 2000 and 7000 iterations (facts 3)."""
+    return GenerateConfig(wide(ExpertConfig(), 2000), wide(reach_expert(), 7000))
+
+
+PRESETS: dict[str, Callable[[], GenerateConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": paper}
 
 
 def run(config: GenerateConfig, context: StageContext, *, robot: str = "solo12", retrain: bool = False) -> StageResult:

@@ -71,6 +71,7 @@ def paper() -> RetargetConfig:
 PRESETS: dict[str, Callable[[], RetargetConfig]] = {
     "smoke": smoke,
     "laptop": laptop,
+    "gpu": laptop,  # once per data set, on the CPU
     "paper": paper,
 }
 

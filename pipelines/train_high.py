@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from tensordict import TensorDict
 
+from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.episodes import play_episodes
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
@@ -21,7 +24,7 @@ from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import remove_checkpoints, train
+from lacoloco.pipelines.training import begin, remove_checkpoints, train
 from lacoloco.pipelines.worlds import perhaps_any
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -69,7 +72,21 @@ def smoke() -> TrainHighConfig:
     )
 
 
-PRESETS: dict[str, Callable[[], TrainHighConfig]] = {"smoke": smoke, "laptop": laptop}
+def gpu() -> TrainHighConfig:
+    """The laptop's recipe on a GPU's width: as many more decisions as the low level has more samples."""
+    base = laptop()
+    return replace(base, worlds=4096, decisions=13_000_000, ppo=replace(base.ppo, minibatches=8))
+
+
+def paper() -> TrainHighConfig:
+    """The paper's budget: 2000 iterations of 32 decisions in 4096 worlds, 1310 M control steps (facts 3)."""
+    base = gpu()
+    return replace(
+        base, decisions=2000 * 32 * base.worlds, ppo=replace(base.ppo, horizon=32, epochs=6)
+    )
+
+
+PRESETS: dict[str, Callable[[], TrainHighConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": paper}
 
 
 def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageResult:
@@ -78,16 +95,18 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     Raises:
         ArtifactError: ``low`` is missing, damaged, or holds no low level.
     """
+    mine = shared(config)
     artifact, policies = load_policies(low, "low", device=context.device)
     spec = load_robot(artifact.robot)
     method = artifact.metadata["method"]
-    directory = context.store.begin(
-        context.run, "train-high", resume=context.resume, label=f"{method}-seed{context.seed}"
-    )
-    trainer = HighTrainer(spec, policies["low"], config, seed=context.seed, device=context.device)
+    directory = begin(context, "train-high", f"{method}-seed{context.seed}")
+    seed = parallel.own_seed(context.seed)
+    trainer = HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
     metrics = train(
         trainer, trainer.iterations, directory.path, context, f"train-high {method} seed {context.seed}", SHOWN
     )
+    if parallel.rank():
+        return StageResult(directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics})
     metrics |= _before_and_after(spec, policies["low"], trainer.policy(), config, context)
     save_policies(
         directory.file("artifact.h5"),
@@ -101,6 +120,19 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     )
     remove_checkpoints(directory.path)
     return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+
+
+def shared(config: TrainHighConfig) -> TrainHighConfig:
+    """What one of several processes does of it: its part of the worlds and the decisions.
+
+    Raises:
+        StageError: the worlds cannot be shared equally.
+    """
+    try:
+        worlds = parallel.share(config.worlds)
+    except ValueError as error:
+        raise StageError(f"{error}; --set worlds to a multiple") from error
+    return replace(config, worlds=worlds, decisions=config.decisions // parallel.size())
 
 
 def _before_and_after(

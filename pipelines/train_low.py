@@ -12,8 +12,10 @@ from tensordict import TensorDict
 
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.coverage import skill_coverage
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.cloning import Teacher, clone
@@ -28,7 +30,7 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
 from lacoloco.pipelines.sim.tasks import imitate_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import has_checkpoint, remove_checkpoints, train
+from lacoloco.pipelines.training import begin, has_checkpoint, remove_checkpoints, train
 from lacoloco.pipelines.warm_start import clip_states, infer_actions, previous_actions
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -88,7 +90,30 @@ def smoke() -> TrainLowConfig:
     )
 
 
-PRESETS: dict[str, Callable[[], TrainLowConfig]] = {"smoke": smoke, "laptop": laptop}
+def gpu() -> TrainLowConfig:
+    """The laptop's recipe on a GPU's width: eight times the worlds, thirteen times the samples, batches to match."""
+    base = laptop()
+    return replace(
+        base,
+        worlds=4096,
+        samples=40_000_000,
+        ppo=replace(base.ppo, horizon=32, minibatches=8),
+        ase=replace(base.ase, batch=4096, updates=8),
+    )
+
+
+def paper() -> TrainLowConfig:
+    """The paper's budget, 7000 iterations of 32 steps in 4096 worlds, and its ramp of the constraint (facts 3, 6)."""
+    base = gpu()
+    return replace(
+        base,
+        samples=7000 * 32 * base.worlds,
+        cat_ramp=(5 / 7, 1.0),
+        ppo=replace(base.ppo, epochs=6),
+    )
+
+
+PRESETS: dict[str, Callable[[], TrainLowConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": paper}
 
 
 def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path]) -> StageResult:
@@ -98,16 +123,15 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         StageError: the artifacts hold clips of different robots.
         ArtifactError: an input is missing or damaged.
     """
+    mine = shared(config)
     clips, spec = load_motions(motions)
     method = f"{config.ase.discriminator}{'-cat' if config.cat else ''}"
-    directory = context.store.begin(
-        context.run, "train-low", resume=context.resume, label=f"{method}-seed{context.seed}"
-    )
+    directory = begin(context, "train-low", f"{method}-seed{context.seed}")
     shares = dict(config.skill_shares)
     library = MotionLibrary(
         clips, context.device, weighting="skill" if shares else "duration", skill_shares=shares or None
     )
-    trainer = LowTrainer(spec, library, config, seed=context.seed, device=context.device)
+    trainer = LowTrainer(spec, library, mine, seed=parallel.own_seed(context.seed), device=context.device)
     # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
     if config.warm_start and not has_checkpoint(directory.path):
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
@@ -115,6 +139,8 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     metrics = train(
         trainer, trainer.iterations, directory.path, context, f"train-low {method} seed {context.seed}", SHOWN
     )
+    if parallel.rank():
+        return StageResult(directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics})
     policy = trainer.policy()
     metrics |= trainer.closing_figures() | skill_coverage(spec, policy, library, seed=context.seed)
     save_policies(
@@ -129,6 +155,23 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     )
     remove_checkpoints(directory.path)
     return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+
+
+def shared(config: TrainLowConfig) -> TrainLowConfig:
+    """What one of several processes does of it: its part of the worlds, the samples and each batch.
+
+    Raises:
+        StageError: the worlds or the batches cannot be shared equally.
+    """
+    ase = config.ase
+    try:
+        rows = {name: parallel.share(getattr(ase, name)) for name in ("batch", "replay_capacity")}
+        worlds = parallel.share(config.worlds)
+    except ValueError as error:
+        raise StageError(f"{error}; --set worlds, ase.batch and ase.replay_capacity to multiples") from error
+    return replace(
+        config, worlds=worlds, samples=config.samples // parallel.size(), ase=replace(ase, **rows)
+    )
 
 
 def load_motions(paths: Sequence[Path]) -> tuple[list, RobotSpec]:
@@ -207,6 +250,7 @@ class LowTrainer:
         error = clone(
             self.algorithm.actor, self.embedding, teacher, self._starts, steps=config.warm_start, draw=self.draw
         )
+        parallel.copy_from_first(self.algorithm.actor, self.embedding)
         return {"clone_error": error, "clone_cosine": self.algorithm.fit_encoder(config.warm_start // 4)}
 
     def demonstrations(self, count: int) -> torch.Tensor:
@@ -236,7 +280,7 @@ class LowTrainer:
         algorithm.compute_returns(obs)
         figures = algorithm.update()
         sums = tally.read()
-        self.recent_falls.append(sums["falls"])
+        self.recent_falls.append(sums["falls"] * parallel.size())
         return figures | {
             "speed": sums["speed"] / config.ppo.horizon,
             "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,

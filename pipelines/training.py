@@ -6,7 +6,7 @@ import json
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,9 +14,13 @@ import torch
 
 from lacoloco.datasets.artifact import read_artifact, write_artifact
 from lacoloco.datasets.state import flatten_state, unflatten_state
+from lacoloco.datasets.store import StageDir
+from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.stage import StageContext
 
 CHECKPOINT_SECONDS = 60.0
+INDIVIDUAL = ("env", "latent", "latents", "draw")
+"""Parts of a trainer's state that every process of a training has for itself: its worlds and its generators."""
 
 
 class Trainer(Protocol):
@@ -34,6 +38,15 @@ class Trainer(Protocol):
         """Restore :meth:`state_dict`."""
 
 
+def begin(context: StageContext, stage: str, label: str) -> StageDir:
+    """Open a training's working directory; of several processes the first one does so, the others only learn its name."""
+    opened = None
+    if parallel.rank() == 0:
+        opened = context.store.begin(context.run, stage, resume=context.resume, label=label)
+    path, final = parallel.from_first(opened and (opened.path, opened.final))
+    return opened or StageDir(path, final, label)
+
+
 def train(
     trainer: Trainer,
     iterations: int,
@@ -47,6 +60,8 @@ def train(
 
     Ctrl-C is taken at the end of the running iteration: the checkpoint then holds exactly that iteration. The last
     checkpoint stays until :func:`remove_checkpoints`, so that a finished training is not repeated by a resumed stage.
+
+    Of several processes (``learn.parallel``) the first one logs and writes checkpoints; samples are those of all.
 
     Args:
         trainer: what to train.
@@ -64,26 +79,29 @@ def train(
         KeyboardInterrupt: after the checkpoint was written.
     """
     checkpoint = directory / f"{description.replace(' ', '-')}.checkpoint.h5"
-    start, elapsed, figures = _restore(trainer, checkpoint)
-    total = iterations * trainer.samples_per_iteration
+    start, elapsed, figures = _restore(trainer, checkpoint, context.seed)
+    parallel.wait_for_all()
+    first = parallel.rank() == 0
+    per_iteration = trainer.samples_per_iteration * parallel.size()
+    total = iterations * per_iteration
     context.progress.start(description, total)
     begin = saved = time.monotonic()
-    done = start * trainer.samples_per_iteration
-    with MetricsLog(directory, description, done) as log, _deferred_interrupt() as interrupted:
+    log = MetricsLog(directory, description, start * per_iteration) if first else _NoLog()
+    with log, _deferred_interrupt() as interrupted:
         for iteration in range(start, iterations):
             figures = trainer.iterate(iteration / iterations)
-            samples = (iteration + 1) * trainer.samples_per_iteration
+            samples = (iteration + 1) * per_iteration
             log.write(samples, figures)
             context.progress.advance(samples, **{name: figures[name] for name in shown if name in figures})
-            now = time.monotonic()
-            if interrupted() or now - saved > CHECKPOINT_SECONDS:
+            now, stop = time.monotonic(), parallel.any_process(interrupted(), context.device)
+            if first and (stop or now - saved > CHECKPOINT_SECONDS):
                 _save(trainer, checkpoint, iteration + 1, elapsed + now - begin, figures, context, config or {})
                 saved = now
-            if interrupted():
+            if stop:
                 raise KeyboardInterrupt
     context.progress.stop()
     seconds = elapsed + time.monotonic() - begin
-    if start < iterations:
+    if first and start < iterations:
         # Whatever interrupts the rest of the stage, the training need not be repeated.
         _save(trainer, checkpoint, iterations, seconds, figures, context, config or {})
     return figures | {"samples": total, "seconds": seconds, "samples_per_second": total / max(seconds, 1e-9)}
@@ -141,6 +159,13 @@ class MetricsLog:
             self._events.add_scalar(f"{self.name}/{name}", value, samples)
 
 
+class _NoLog(nullcontext):
+    """What the other processes of a training write."""
+
+    def write(self, samples: int, figures: dict[str, float]) -> None:
+        """Nothing."""
+
+
 def _save(
     trainer: Trainer,
     path: Path,
@@ -151,8 +176,15 @@ def _save(
     config: dict[str, Any],
 ) -> None:
     state = {"trainer": trainer.state_dict(), "torch_rng": torch.get_rng_state(), "figures": figures}
+    if context.device.startswith("cuda"):
+        state["cuda_rng"] = torch.cuda.get_rng_state()
     arrays, structure = flatten_state(state)
-    metadata = {"structure": structure, "iteration": iteration, "elapsed_s": elapsed}
+    metadata = {
+        "structure": structure,
+        "iteration": iteration,
+        "elapsed_s": elapsed,
+        "processes": parallel.size(),
+    }
     write_artifact(
         path,
         "lacoloco/checkpoint",
@@ -166,14 +198,34 @@ def _save(
     )
 
 
-def _restore(trainer: Trainer, path: Path) -> tuple[int, float, dict[str, float]]:
+def _restore(trainer: Trainer, path: Path, seed: int) -> tuple[int, float, dict[str, float]]:
     if not path.exists():
         return 0, 0.0, {}
     artifact = read_artifact(path, "lacoloco/checkpoint")
     state = unflatten_state(artifact.arrays, artifact.metadata["structure"])
-    trainer.load_state_dict(state["trainer"])
-    torch.set_rng_state(state["torch_rng"])
-    return int(artifact.metadata["iteration"]), float(artifact.metadata["elapsed_s"]), state["figures"]
+    iteration = int(artifact.metadata["iteration"])
+    if parallel.rank() == 0 and artifact.metadata.get("processes", 1) == parallel.size():
+        trainer.load_state_dict(state["trainer"])
+        torch.set_rng_state(state["torch_rng"])
+        if "cuda_rng" in state and torch.cuda.is_available():
+            torch.cuda.set_rng_state(state["cuda_rng"])
+    else:
+        # The file holds the first process's worlds: the others go on with new ones, or they would do the same again.
+        # So does the first one when there are more or fewer processes now, and its share is another.
+        trainer.load_state_dict(_with_own(state["trainer"], trainer.state_dict()))
+        torch.manual_seed(parallel.own_seed(seed) + iteration)
+    return iteration, float(artifact.metadata["elapsed_s"]), state["figures"]
+
+
+def _with_own(loaded: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """``loaded`` with what is individual taken from ``own``, at every depth."""
+    merged = dict(loaded)
+    for name, value in loaded.items():
+        if name in INDIVIDUAL:
+            merged[name] = own[name]
+        elif isinstance(value, dict) and isinstance(own.get(name), dict):
+            merged[name] = _with_own(value, own[name])
+    return merged
 
 
 @contextmanager

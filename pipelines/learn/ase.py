@@ -9,6 +9,7 @@ import torch
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.discriminator import TransitionNormalizer, imitation_reward
 from lacoloco.pipelines.learn.drail import DrailConfig, DrailDiscriminator
 from lacoloco.pipelines.learn.encoder import SkillEncoder, cosine, encoder_loss, encoder_reward
@@ -82,6 +83,7 @@ class Ase(Ppo):
         network = {"gan": lambda: GanDiscriminator(dim, ase.gan), "drail": lambda: DrailDiscriminator(dim, ase.drail)}
         self.discriminator = network[ase.discriminator]().to(device)
         self.encoder = SkillEncoder(dim, sizes[LATENT], ase.encoder_hidden).to(device)
+        parallel.copy_from_first(self.discriminator, self.encoder)
         self.discriminator_optimizer = _adam(self.discriminator, ase.learning_rate)
         self.encoder_optimizer = _adam(self.encoder, ase.encoder_learning_rate)
         self.replay = ReplayBuffer(ase.replay_capacity, dim, seed=seed + 1, device=device)
@@ -187,7 +189,8 @@ class Ase(Ppo):
             demo = self.normalizer(self.demonstrations(ase.batch))
             loss, figures = self.discriminator.loss(policy, demo, self.draw)
             # A factor, not a branch: nothing waits for the device, and every process takes the same steps.
-            behind = 0.5 * (figures["agent_accuracy"] + figures["demo_accuracy"]) < ase.max_accuracy
+            accuracy = parallel.average(0.5 * (figures["agent_accuracy"] + figures["demo_accuracy"]))
+            behind = accuracy < ase.max_accuracy
             _descend(self.discriminator_optimizer, loss * behind)
             miss = encoder_loss(self.encoder(agent[rows]), z[rows])
             anchored = ase.anchor > 0.0 and self.labelled is not None
@@ -208,4 +211,5 @@ def _adam(module: torch.nn.Module, rate: float) -> torch.optim.Adam:
 def _descend(optimizer: torch.optim.Adam, loss: torch.Tensor) -> None:
     optimizer.zero_grad(set_to_none=True)
     loss.backward()
+    parallel.average_gradients(optimizer.param_groups[0]["params"])
     optimizer.step()

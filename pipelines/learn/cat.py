@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import torch
 
+from lacoloco.pipelines.learn import parallel
+
 
 class SoftTerminations:
     """delta = max_i p_i clip(c_i+ / c_i^max, 0, 1), with c_i^max a running maximum per constraint column.
@@ -37,7 +39,7 @@ class SoftTerminations:
         return torch.stack(deltas).amax(dim=0)
 
     def _track(self, name: str, positive: torch.Tensor) -> torch.Tensor:
-        worst = positive.amax(dim=0)
+        worst = parallel.maximum(positive.amax(dim=0))
         if name not in self.c_max:
             self.c_max[name] = worst.clamp_min(1e-6)
         old = self.c_max[name]

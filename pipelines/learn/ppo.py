@@ -13,6 +13,7 @@ from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.networks import NetworkConfig, example, make_actor, make_critic
 from lacoloco.pipelines.learn.returns import advantages
 from lacoloco.pipelines.worlds import pick, put, select
@@ -75,7 +76,10 @@ class Ppo(PPO):
             gamma=config.gamma,
             lam=config.lam,
             device=device,
+            multi_gpu_cfg=parallel.settings(),
         )
+        if self.is_multi_gpu:
+            self.broadcast_parameters()
         self.config, self.num_worlds = config, num_worlds
         groups = [
             {"params": [p for p in self.actor.parameters() if p.requires_grad], "lr": config.learning_rate},
@@ -151,7 +155,8 @@ class Ppo(PPO):
         storage.returns = (gain + values)[..., None]
         explore = storage.observations[EXPLORE].squeeze(-1) > 0.0
         chosen = gain[explore]
-        storage.advantages = ((gain - chosen.mean()) / (chosen.std() + 1e-8))[..., None]
+        mean, std = parallel.mean_and_std(chosen)
+        storage.advantages = ((gain - mean) / (std + 1e-8))[..., None]
 
     def auxiliary_loss(self, batch: RolloutStorage.Batch, mean: torch.Tensor) -> torch.Tensor | None:
         """A further loss on the actor, given a minibatch and its mean actions (n, A); none here."""
@@ -164,6 +169,8 @@ class Ppo(PPO):
             loss, figures = self._loss(batch)
             self.optimizer.zero_grad(set_to_none=True)
             loss.backward()
+            if self.is_multi_gpu:
+                self.reduce_parameters()
             torch.nn.utils.clip_grad_norm_(self.actor.parameters(), config.max_grad_norm)
             torch.nn.utils.clip_grad_norm_(self.critic.parameters(), config.max_grad_norm)
             self.optimizer.step()
@@ -214,7 +221,7 @@ class Ppo(PPO):
     ) -> torch.Tensor:
         old_mean, old_std = batch.old_distribution_params
         terms = (std / old_std).log() + (old_std.square() + (old_mean - mean).square()) / (2 * std.square()) - 0.5
-        kl = (terms.sum(dim=-1) * weight).sum()
+        kl = parallel.average((terms.sum(dim=-1) * weight).sum())
         config, rate = self.config, self.learning_rate
         slower = (rate / 1.5).clamp_min(config.min_learning_rate)
         faster = (rate * 1.5).clamp_max(config.max_learning_rate)

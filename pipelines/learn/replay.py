@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import torch
 
+STATE_BYTES = 8 << 20
+"""At most so much of a memory goes into a checkpoint, which has to travel; 30 000 transitions of Solo12."""
+
 
 class ReplayBuffer:
     """Keeps ``capacity`` transitions (2F numbers each); once full, each newcomer overwrites a random slot."""
@@ -29,12 +32,15 @@ class ReplayBuffer:
         rows = torch.randint(0, self.size, (count,), generator=self.draw, device=self.data.device)
         return self.data[rows]
 
-    def state_dict(self) -> dict[str, torch.Tensor | int]:
-        """Contents and generator."""
-        return {"data": self.data[: self.size], "size": self.size, "draw": self.draw.get_state()}
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """Contents and generator; of a large memory every second, third, ... transition, so a fair sample of it."""
+        row_bytes = self.data.shape[1] * self.data.element_size()
+        stride = max(1, -(-self.size * row_bytes // STATE_BYTES))
+        return {"data": self.data[: self.size : stride], "draw": self.draw.get_state()}
 
-    def load_state_dict(self, state: dict[str, torch.Tensor | int]) -> None:
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore :meth:`state_dict`."""
-        self.size = int(state["size"])
-        self.data[: self.size] = state["data"].to(self.data.device)
+        data = state["data"][: len(self.data)]
+        self.size = len(data)
+        self.data[: self.size] = data.to(self.data.device)
         self.draw.set_state(state["draw"])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import torch
 
+from lacoloco.pipelines.learn import parallel
+
 
 class Tally:
     """Adds figures up where they are computed, in double precision; reading them is the only wait for a GPU."""
@@ -20,7 +22,7 @@ class Tally:
                 self._sums[name] = value.detach().double() if old is None else old + value.detach()
 
     def read(self) -> dict[str, float]:
-        """All sums, in one transfer."""
+        """All sums, in one transfer; their mean over the processes of a training, all of which must ask."""
         if not self._sums:
             return {}
-        return dict(zip(self._sums, torch.stack(list(self._sums.values())).tolist(), strict=True))
+        return dict(zip(self._sums, parallel.average(torch.stack(list(self._sums.values()))).tolist(), strict=True))

@@ -28,6 +28,30 @@ def test_table_says_the_engine_and_why():
     result = invoke()
     assert result.exit_code == 0
     assert "engine: " in result.stdout and "torch" in result.stdout
+    versions = result.stdout.splitlines()[-1]
+    for name in ("gpu ", "driver ", "cuda ", f"torch {metadata.version('torch')}", "warp-lang "):
+        assert name in versions
+
+
+def test_a_forced_engine_is_said(monkeypatch):
+    monkeypatch.setenv("LACOLOCO_PHYSICS", "warp")
+    engine, reason = doctor.choose_engine()
+    assert "LACOLOCO_PHYSICS=warp" in engine + reason
+
+
+def test_throughput_is_measured_if_asked_for(monkeypatch):
+    from lacoloco.pipelines import bench
+
+    asked = []
+
+    def measured(config, *, device):
+        asked.append((config.seconds, config.worlds, device))
+        return {"steps_per_second": 1000.0 * len(asked)}
+
+    for name in ("bench_sim", "bench_train"):
+        monkeypatch.setattr(bench, name, measured)
+    assert doctor.throughput("cuda") == {"environment loop": 1000.0, "low-level training": 2000.0}
+    assert asked == [(5.0, 4096, "cuda")] * 2
 
 
 def test_mujoco_left_over_from_before_the_split_is_found(monkeypatch):

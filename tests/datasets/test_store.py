@@ -212,3 +212,17 @@ def test_lineage_tells_what_changed_vanished_or_broke(store, tmp_path):
     clips.write_bytes(clips.read_bytes()[:100])
     assert [a.state for a in lineage(low)] == ["ok", "damaged"]
     assert read_artifact(low).arrays["a"][0] == 1
+
+
+def test_processes_that_begin_at_once_get_numbers_of_their_own(store, tmp_path):
+    """Also under different labels, where no directory's name tells them of each other."""
+    code = (
+        "import sys; from pathlib import Path; from lacoloco.datasets.store import RunStore\n"
+        "store = RunStore(Path(sys.argv[1]))\n"
+        "for index in range(8): store.begin('run', 'stage', label=f'{sys.argv[2]}-{index}')\n"
+    )
+    command = [sys.executable, "-c", code, str(store.root)]
+    running = [subprocess.Popen([*command, f"process{index}"]) for index in range(3)]
+    assert [process.wait(timeout=300) for process in running] == [0, 0, 0]
+    numbers = [stage_dir.final.name for stage_dir in store.partials("run", "stage")]
+    assert numbers == [f"{index:04d}" for index in range(1, 25)]

@@ -73,5 +73,11 @@ def test_the_bare_engine_does_the_same_physics(solo12):
     assert torch.equal(torch.from_numpy(engine.batch.state), physics.state_dict()["rows"])
 
 
-def test_presets_differ_in_size_only():
-    assert PRESETS["paper"]() == replace(PRESETS["laptop"](), worlds=4096)
+@pytest.mark.parametrize("name", ["gpu", "paper"])
+def test_presets_differ_in_size_only(name):
+    assert PRESETS[name]() == replace(PRESETS["laptop"](), worlds=4096, recipe=name)
+
+
+def test_rounds_end_with_their_time_but_not_before_the_second():
+    assert list(replace(SMOKE, rounds=5).turns()) == [0, 1, 2, 3, 4]
+    assert list(replace(SMOKE, rounds=5, seconds=0.0).turns()) == [0, 1]

@@ -10,7 +10,7 @@ import torch
 
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import training
+from lacoloco.pipelines import train_low, training
 from lacoloco.pipelines.experts import ExpertTrainer, smoke_expert
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.stage import Silent, StageContext
@@ -275,3 +275,24 @@ def test_a_training_has_a_checkpoint_only_once_one_is_written(tmp_path):
     assert training.has_checkpoint(tmp_path)
     training.remove_checkpoints(tmp_path)
     assert not training.has_checkpoint(tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["laptop", "gpu"])
+def test_a_checkpoint_is_small_enough_to_travel(robot, make_motions, tmp_path, context, preset):
+    """With every buffer full; continuing elsewhere takes one file under 16 MB."""
+    trainer = LowTrainer(
+        robot, make_motions(robot), train_low.PRESETS[preset](), seed=0, device="cpu"
+    )
+    replay = trainer.algorithm.replay
+    replay.size = len(replay.data)
+    optimizers = [trainer.algorithm.optimizer, trainer.algorithm.discriminator_optimizer]
+    for optimizer in (*optimizers, trainer.algorithm.encoder_optimizer):
+        for group in optimizer.param_groups:
+            for parameter in group["params"]:
+                parameter.grad = torch.zeros_like(parameter)
+        optimizer.step()
+    path = tmp_path / "large.checkpoint.h5"
+    training._save(trainer, path, 1, 0.0, {}, context, {})
+    assert 1e6 < path.stat().st_size < 16e6
+    training._restore(trainer, path, seed=0)

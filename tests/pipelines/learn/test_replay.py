@@ -51,3 +51,21 @@ def test_state_dict_goes_on_with_the_same_draws():
         buffer.add(numbered(100, 112))
     assert torch.equal(first.data, second.data)
     assert torch.equal(first.sample(9), second.sample(9))
+
+
+def test_only_a_fair_sample_of_a_large_memory_travels(monkeypatch):
+    monkeypatch.setattr("lacoloco.pipelines.learn.replay.STATE_BYTES", 10 * 2 * 4)
+    first, second = ReplayBuffer(40, 2, seed=0), ReplayBuffer(40, 2, seed=0)
+    first.add(numbered(0, 35))
+    second.load_state_dict(first.state_dict())
+    assert second.data[: second.size, 0].tolist() == [0, 4, 8, 12, 16, 20, 24, 28, 32]
+    second.add(numbered(100, 131))
+    assert second.size == 40
+
+
+def test_a_smaller_memory_takes_what_fits():
+    """More processes share the work than before."""
+    first, second = ReplayBuffer(8, 2, seed=0), ReplayBuffer(4, 2, seed=0)
+    first.add(numbered(0, 8))
+    second.load_state_dict(first.state_dict())
+    assert (second.size, second.data[:, 0].tolist()) == (4, [0.0, 1.0, 2.0, 3.0])
