@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from tensordict import TensorDict
 
 from lacoloco.datasets.clip import Clip, load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines.coverage import skill_coverage
+from lacoloco.pipelines.coverage import SkillCoverage
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
@@ -32,7 +33,15 @@ from lacoloco.pipelines.warm_start import infer_actions
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
-SHOWN = ("imitation_reward", "encoder_cosine", "agent_accuracy", "speed", "falls_per_1000_steps")
+SHOWN = (
+    "imitation_reward",
+    "encoder_cosine",
+    "agent_accuracy",
+    "speed",
+    "falls_per_1000_steps",
+    "coverage_walk",
+    "coverage_reach",
+)
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,8 @@ class TrainLowConfig:
         actor_from: share of the training after which a warm-started actor begins to change; until then the critic and the
             discriminator learn what it does.
         skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
+        coverage_every: samples between two measurements of the deterministic skill coverage (0: only at the end).
+        coverage_latents: latents held in each of them.
     """
 
     worlds: int = 512
@@ -66,6 +77,8 @@ class TrainLowConfig:
     warm_start: int = 600
     actor_from: float = 0.05
     skill_shares: tuple[tuple[str, float], ...] = ()
+    coverage_every: int = 250_000
+    coverage_latents: int = 256
     latents: LatentConfig = field(default_factory=LatentConfig)
     ppo: PpoConfig = field(default_factory=lambda: PpoConfig(gamma=0.98, desired_kl=0.02))
     networks: NetworkConfig = field(default_factory=NetworkConfig)
@@ -85,6 +98,8 @@ def smoke() -> TrainLowConfig:
         ppo=PpoConfig(horizon=8, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
         warm_start=2,
+        coverage_every=0,
+        coverage_latents=16,
         ase=AseConfig(updates=2, batch=64, replay_capacity=256),
     )
 
@@ -116,11 +131,10 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     metrics = train(
         trainer, trainer.iterations, directory.path, context, f"train-low {method} seed {context.seed}", SHOWN
     )
-    policy = trainer.policy()
-    metrics |= trainer.closing_figures() | skill_coverage(spec, policy, library, seed=context.seed)
+    metrics |= trainer.closing_figures()
     save_policies(
         directory.file("artifact.h5"),
-        [policy],
+        [trainer.policy()],
         spec=spec,
         context=context,
         config=asdict(config),
@@ -156,7 +170,7 @@ class LowTrainer:
     ) -> None:
         """Build environment, latents and learner."""
         torch.manual_seed(seed)
-        self.config, self.spec, self.motions = config, spec, library
+        self.config, self.spec, self.motions, self.seed = config, spec, library, seed
         task = imitate_task(spec, constrained=config.cat)
         task = replace(task, episode_s=config.episode_s, reset=replace(task.reset, clip_share=config.clip_share))
         self.env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device, motions=library)
@@ -231,13 +245,26 @@ class LowTrainer:
         figures = algorithm.update()
         sums = tally.read()
         self.recent_falls.append(sums["falls"])
-        return figures | {
+        return figures | self._coverage(progress) | {
             "speed": sums["speed"] / config.ppo.horizon,
             "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
             "delta": sums.get("delta", 0.0) / config.ppo.horizon,
             "violations": sum(float(share) for share in self.terminations.violated.values()),
             "std": std,
         }
+
+    @cached_property
+    def coverage(self) -> SkillCoverage:
+        """What measures the skills; beside the training and without a hand in it."""
+        return SkillCoverage(self.spec, self.motions, latents=self.config.coverage_latents, seed=self.seed)
+
+    def _coverage(self, progress: float) -> dict[str, float]:
+        done = round(progress * self.iterations) + 1
+        before, after = (count * self.samples_per_iteration for count in (done - 1, done))
+        every = self.config.coverage_every
+        if done != self.iterations and not (every and after // every > before // every):
+            return {}
+        return self.coverage.measure(Policy(self.head, self.algorithm.actor))
 
     def _hold_actor(self, held: bool) -> None:
         if held != self.held:
