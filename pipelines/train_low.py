@@ -14,6 +14,7 @@ from tensordict import TensorDict
 from lacoloco.datasets.clip import Clip, load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.coverage import SkillCoverage
+from lacoloco.pipelines.diagnosis import low_level_warnings
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
@@ -129,7 +130,13 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
         trainer.warm_start(clips)
     metrics = train(
-        trainer, trainer.iterations, directory.path, context, f"train-low {method} seed {context.seed}", SHOWN
+        trainer,
+        trainer.iterations,
+        directory.path,
+        context,
+        f"train-low {method} seed {context.seed}",
+        SHOWN,
+        warn=low_level_warnings,
     )
     metrics |= trainer.closing_figures()
     save_policies(
@@ -238,6 +245,7 @@ class LowTrainer:
             algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
             speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             tally.add(falls=step.fell.sum(), speed=speed, delta=None if delta is None else delta.mean())
+            tally.add(**{f"violation_{name}": share for name, share in self.terminations.violated.items()})
             env.reset(step.done)
             self.latents.advance(step.done)
             frame, obs = env.frame(), self._observe()
@@ -249,7 +257,8 @@ class LowTrainer:
             "speed": sums["speed"] / config.ppo.horizon,
             "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
             "delta": sums.get("delta", 0.0) / config.ppo.horizon,
-            "violations": sum(float(share) for share in self.terminations.violated.values()),
+            **{name: sums[name] / config.ppo.horizon for name in sums if name.startswith("violation_")},
+            **{f"c_max_{name}": float(worst.max()) for name, worst in self.terminations.c_max.items()},
             "std": std,
         }
 
