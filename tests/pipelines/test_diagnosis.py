@@ -39,7 +39,6 @@ def names(warnings):
         ({"agent_accuracy": 0.97, "demo_accuracy": 0.96}, "discriminator saturated"),
         ({"imitation_reward": 0.03}, "discriminator saturated"),
         ({"encoder_cosine": 0.02}, "latents ignored"),
-        ({"diversity": 0.97}, "latents ignored"),
         ({"coverage_walk": 0.97, "coverage_stand": 0.03, "coverage_reach": 0.0}, "mode collapse"),
         ({"coverage_fall": 0.99, "coverage_stand": 0.0, "coverage_walk": 0.01}, "mode collapse"),
         ({"coverage_stand": 0.95, "coverage_walk": 0.05}, "policy just stands"),
