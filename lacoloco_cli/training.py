@@ -70,6 +70,8 @@ def show(trained: Sequence[dict[str, Any]], shown: Sequence[str]) -> None:
     console.print_table(["", *(f"seed {one['seed']}" for one in trained)], rows)
     for one in trained:
         typer.echo(f"artifact: {one['artifact']}")
+        for warning in one.get("warnings", ()):
+            console.note(f"WARNING, seed {one['seed']}: {warning}")
 
 
 def _unfinished_seed(session: Session) -> int | None:

@@ -1,12 +1,14 @@
 """Deterministic skill coverage: what fixed latents do from a standing start, without exploration noise.
 
 Statistics of a training deceive: sampled actions walk where the mean action stands still, and resets into clips keep a
-policy in whatever it was put into. So the skills are counted the way a high level will use them.
+policy in whatever it was put into. So the skills are counted the way a high level will use them, and the clips are
+counted by the same rules beside them.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -14,6 +16,7 @@ from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, ResetConfig, imitate_task
@@ -23,58 +26,121 @@ WALK_SPEED = 0.15
 """Mean planar speed [m/s] over the second half of the hold from which a latent counts as walking."""
 REACH_HEIGHT = 0.15
 """Height [m] of the end effector above its standing height, held on average over the last second, that counts as reaching."""
+REACH_SECONDS = 1.0
+QUANTILES = {"p10": 0.1, "p50": 0.5, "p90": 0.9}
+CLIP_WINDOWS = 512
+"""Moments of the clips that are looked at, drawn by duration."""
 
 
-def skill_coverage(
-    spec: RobotSpec, policy: Policy, library: MotionLibrary, *, latents: int = 256, seconds: float = 3.0, seed: int = 0
-) -> dict[str, float]:
-    """Hold ``latents`` uniform latents for ``seconds`` each from a standing start with mean actions, and classify.
+@dataclass(frozen=True)
+class Behaviour:
+    """What N robots did in a window.
 
-    Returns:
-        Shares ``coverage_walk``, ``coverage_reach``, ``coverage_fall``, ``coverage_stand`` (none of these), means of
-        speed [m/s] and end-effector lift [m], and ``coverage_clips``: the share of clips whose mean style frame is
-        closer to some latent's than to the standing pose, in units of the clips' spread.
+    Attributes:
+        speed: (N,) mean planar speed of the base [m/s].
+        lift: (N,) mean height of the end effector above its height in standing, over the last second [m].
+        frame: (N, 10 + 2J) mean style frame.
+        fell: (N,) bool.
     """
-    env = _standing_env(spec, latents, seed, library.device)
-    z = sample_latents(latents, policy.head.sizes["latent"], torch.Generator().manual_seed(seed)).to(env.device)
-    steps = round(seconds / CONTROL_DT)
-    fell = torch.zeros(latents, dtype=torch.bool, device=env.device)
-    standing_height = env.end_effector()[:, 2].mean()
-    standing_frame = env.frame().mean(dim=0)
-    speed, lift, frames, counted = 0.0, 0.0, 0.0, 0
-    for step in range(steps):
-        fell |= env.step(policy(env.observe(), z)).fell
-        if step >= steps // 2:
-            speed = speed + env.state.lin_vel_b[:, :2].norm(dim=-1)
-            frames, counted = frames + env.frame(), counted + 1
-        if step >= steps - 50:
-            lift = lift + (env.end_effector()[:, 2] - standing_height) / min(50, steps)
-    speed, frames = speed / counted, frames / counted
-    reach = (lift > REACH_HEIGHT) & ~fell
-    walk = (speed > WALK_SPEED) & ~fell & ~reach
-    shares = {"walk": walk, "reach": reach, "fall": fell, "stand": ~(walk | reach | fell)}
-    figures = {f"coverage_{name}": float(mask.float().mean()) for name, mask in shares.items()}
-    return figures | {
-        "coverage_speed": float(speed.mean()),
-        "coverage_lift": float(lift.mean()),
-        "coverage_clips": _reproduced(library, frames[~fell], standing_frame),
-    }
+
+    speed: torch.Tensor
+    lift: torch.Tensor
+    frame: torch.Tensor
+    fell: torch.Tensor
+
+    def shares(self) -> dict[str, float]:
+        """Shares that fall, reach, walk (and do not reach) and stand (none of these); they add up to 1."""
+        reach = (self.lift > REACH_HEIGHT) & ~self.fell
+        walk = (self.speed > WALK_SPEED) & ~self.fell & ~reach
+        kinds = {"walk": walk, "reach": reach, "fall": self.fell, "stand": ~(walk | reach | self.fell)}
+        return {name: float(mask.float().mean()) for name, mask in kinds.items()}
+
+    def distribution(self) -> dict[str, float]:
+        """Mean and quantiles of speed and lift."""
+        figures = {}
+        for name, values in (("speed", self.speed), ("lift", self.lift)):
+            figures[name] = float(values.mean())
+            figures |= {f"{name}_{label}": float(values.quantile(share)) for label, share in QUANTILES.items()}
+        return figures
 
 
-def _standing_env(spec: RobotSpec, worlds: int, seed: int, device: torch.device) -> LeggedEnv:
-    still = ResetConfig(clip_share=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0))
-    task = replace(imitate_task(spec, constrained=False), noise=0.0, reset=still, randomisation=NO_RANDOMISATION)
-    return LeggedEnv(spec, task, worlds, seed=seed, device=str(device))
+class SkillCoverage:
+    """Counts skills again and again in one environment, from the same states and with the same latents each time.
+
+    It draws from generators of its own: a training that is measured stays bit for bit what it would have been.
+    """
+
+    def __init__(
+        self, spec: RobotSpec, library: MotionLibrary, *, latents: int = 256, seconds: float = 3.0, seed: int = 0
+    ) -> None:
+        """Let ``latents`` robots stand and look at the clips once; a latent will be held for ``seconds``."""
+        self.seed, self.steps = seed, round(seconds / CONTROL_DT)
+        self.env = _standing_env(spec, latents, seed, library.device)
+        self._start = self.env.state_dict()
+        self._standing_height = float(self.env.end_effector()[:, 2].mean())
+        self._standing_frame = self.env.frame().mean(dim=0)
+        self._clip_frames = clip_means(library)
+        window = (self.steps - self.steps // 2) * CONTROL_DT
+        clips = clip_behaviour(spec, library, window, self._standing_height, seed)
+        self._spread = clips.frame.std(dim=0).clamp_min(1e-3)
+        self.clips = {f"clips_{name}": value for name, value in (clips.shares() | clips.distribution()).items()}
+        """The clips' own shares, means and quantiles, named like the latents' with ``clips_`` for ``coverage_``."""
+
+    def measure(self, policy: Policy) -> dict[str, float]:
+        """Hold uniform latents with mean actions and classify what they do.
+
+        Returns:
+            Shares ``coverage_walk``, ``coverage_reach``, ``coverage_fall``, ``coverage_stand``; means and quantiles of
+            ``coverage_speed`` [m/s] and ``coverage_lift`` [m]; ``coverage_clips``, the share of clips that some latent
+            reproduces; ``coverage_spread``, how much the latents differ from each other (1: as much as moments of the
+            clips do); and the clips' own figures.
+        """
+        done = self._hold(policy)
+        figures = done.shares() | done.distribution()
+        upright = done.frame[~done.fell] / self._spread
+        figures["clips"] = self._reproduced(upright)
+        figures["spread"] = float(upright.var(dim=0).mean().sqrt()) if len(upright) > 1 else 0.0
+        return {f"coverage_{name}": value for name, value in figures.items()} | self.clips
+
+    def _hold(self, policy: Policy) -> Behaviour:
+        env = self.env
+        env.load_state_dict(self._start)
+        draw = torch.Generator().manual_seed(self.seed)
+        z = sample_latents(env.num_worlds, policy.head.sizes["latent"], draw).to(env.device)
+        fell = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
+        speeds, heights, frames = [], [], []
+        for step in range(self.steps):
+            fell = fell | env.step(policy(env.observe(), z)).fell
+            if step >= self.steps // 2:
+                speeds.append(env.state.lin_vel_b[:, :2].norm(dim=-1))
+                heights.append(env.end_effector()[:, 2])
+                frames.append(env.frame())
+        return _behaviour(speeds, heights, frames, fell, self._standing_height)
+
+    def _reproduced(self, reached: torch.Tensor) -> float:
+        """Share of clips to which some latent has come at least half of the way from standing, by mean style frame."""
+        if not len(reached):
+            return 0.0
+        clips, standing = self._clip_frames / self._spread, self._standing_frame / self._spread
+        nearest = torch.cdist(clips, reached).amin(dim=1)
+        return float((nearest < 0.5 * torch.cdist(clips, standing[None])[:, 0]).float().mean())
 
 
-def _reproduced(library: MotionLibrary, reached: torch.Tensor, standing: torch.Tensor) -> float:
-    """Share of clips that some latent reproduces better than standing does, by mean style frame."""
-    if not len(reached):
-        return 0.0
-    means = clip_means(library)
-    spread = means.std(dim=0).clamp_min(1e-3) if len(means) > 1 else torch.ones_like(standing)
-    nearest = torch.cdist(means / spread, reached / spread).amin(dim=1)
-    return float((nearest < torch.cdist(means / spread, (standing / spread)[None])[:, 0]).float().mean())
+def clip_behaviour(
+    spec: RobotSpec, library: MotionLibrary, seconds: float, standing_height: float, seed: int
+) -> Behaviour:
+    """What the clips show in windows of ``seconds`` (or as long as the longest clip), drawn by duration."""
+    seconds = min(seconds, float(library.durations.max()))
+    draw = torch.Generator(library.device).manual_seed(seed)
+    clips, begin = library.sample(CLIP_WINDOWS, generator=draw, margin=seconds)
+    tip = EndEffectorChain(spec, library.device)
+    speeds, heights, frames = [], [], []
+    for step in range(max(1, round(seconds / CONTROL_DT))):
+        state = RobotState.from_motion(library.frames(clips, begin + step * CONTROL_DT))
+        speeds.append(state.lin_vel_b[:, :2].norm(dim=-1))
+        heights.append(tip(torch.cat((state.root_pos, state.root_quat, state.joint_pos), dim=-1))[:, 2])
+        frames.append(style_frame(state))
+    return _behaviour(speeds, heights, frames, torch.zeros_like(clips, dtype=torch.bool), standing_height)
 
 
 def clip_means(library: MotionLibrary, samples: int = 64) -> torch.Tensor:
@@ -83,3 +149,20 @@ def clip_means(library: MotionLibrary, samples: int = 64) -> torch.Tensor:
     share = torch.linspace(0.0, 1.0, samples, device=library.device).repeat(len(library))
     frames = library.frames(clips, share * library.durations[clips])
     return style_frame(RobotState.from_motion(frames)).view(len(library), samples, -1).mean(dim=1)
+
+
+def _behaviour(
+    speeds: Sequence[torch.Tensor],
+    heights: Sequence[torch.Tensor],
+    frames: Sequence[torch.Tensor],
+    fell: torch.Tensor,
+    standing_height: float,
+) -> Behaviour:
+    last = torch.stack(tuple(heights[-round(REACH_SECONDS / CONTROL_DT) :])) - standing_height
+    return Behaviour(torch.stack(tuple(speeds)).mean(0), last.mean(0), torch.stack(tuple(frames)).mean(0), fell)
+
+
+def _standing_env(spec: RobotSpec, worlds: int, seed: int, device: torch.device) -> LeggedEnv:
+    still = ResetConfig(clip_share=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0))
+    task = replace(imitate_task(spec, constrained=False), noise=0.0, reset=still, randomisation=NO_RANDOMISATION)
+    return LeggedEnv(spec, task, worlds, seed=seed, device=str(device))

@@ -11,10 +11,11 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.datasets.store import ARTIFACT
+from lacoloco.pipelines.diagnosis import high_level_warnings
 from lacoloco.pipelines.episodes import play_episodes
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn import parallel
-from lacoloco.pipelines.learn.latents import project
+from lacoloco.pipelines.learn.latents import latent_usage, project
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
 from lacoloco.pipelines.learn.tally import Tally
@@ -103,7 +104,13 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     seed = parallel.own_seed(context.seed)
     trainer = HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
     metrics = train(
-        trainer, trainer.iterations, directory.path, context, f"train-high {method} seed {context.seed}", SHOWN
+        trainer,
+        trainer.iterations,
+        directory.path,
+        context,
+        f"train-high {method} seed {context.seed}",
+        SHOWN,
+        warn=high_level_warnings,
     )
     if parallel.rank():
         return StageResult(directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics})
@@ -185,15 +192,22 @@ class HighTrainer:
             env.reset(decision.done)
             obs = self._observe() if perhaps_any(decision.done) else next_obs
             errors = torch.where(decision.done, decision.error, 0.0).sum()
+            speed = env.env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             tally.add(
-                reward=decision.reward.mean(), falls=decision.fell.sum(), ended=decision.done.sum(), errors=errors
+                reward=decision.reward.mean(),
+                falls=decision.fell.sum(),
+                ended=decision.done.sum(),
+                errors=errors,
+                speed=speed,
             )
         algorithm.compute_returns(obs)
-        figures = algorithm.update()
+        usage = latent_usage(project(algorithm.storage.distribution_params[0].flatten(0, 1)))
+        figures = algorithm.update() | usage
         sums = tally.read()
         if ended := sums["ended"]:
             figures |= {"final_error": sums["errors"] / ended, "falls_per_episode": sums["falls"] / ended}
-        return figures | {"reward": sums["reward"] / config.ppo.horizon, "std": std, "episodes": ended}
+        means = {name: sums[name] / config.ppo.horizon for name in ("reward", "speed")}
+        return figures | means | {"std": std, "episodes": ended}
 
     def policy(self) -> Policy:
         """The trained actor, deterministic; its output is projected to the sphere by whoever uses it."""

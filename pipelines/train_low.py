@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from tensordict import TensorDict
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.store import ARTIFACT
-from lacoloco.pipelines.coverage import skill_coverage
+from lacoloco.pipelines.coverage import SkillCoverage
+from lacoloco.pipelines.diagnosis import low_level_warnings
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
@@ -22,7 +24,11 @@ from lacoloco.pipelines.learn.cloning import Teacher, clone
 from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding, WindowConfig
+from lacoloco.pipelines.learn.skill_embedding import (
+    LabelledTransitions,
+    SkillEmbedding,
+    WindowConfig,
+)
 from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -35,7 +41,15 @@ from lacoloco.pipelines.warm_start import clip_states, infer_actions, previous_a
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
-SHOWN = ("imitation_reward", "encoder_cosine", "agent_accuracy", "speed", "falls_per_1000_steps")
+SHOWN = (
+    "imitation_reward",
+    "encoder_cosine",
+    "agent_accuracy",
+    "speed",
+    "falls_per_1000_steps",
+    "coverage_walk",
+    "coverage_reach",
+)
 
 
 @dataclass(frozen=True)
@@ -54,6 +68,8 @@ class TrainLowConfig:
             with a random network and meaningless latents, as the paper does.
         windows: what a latent describes while the clips are cloned.
         skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
+        coverage_every: samples between two measurements of the deterministic skill coverage (0: only at the end).
+        coverage_latents: latents held in each of them.
     """
 
     worlds: int = 512
@@ -67,6 +83,8 @@ class TrainLowConfig:
     warm_start: int = 1000
     windows: WindowConfig = field(default_factory=WindowConfig)
     skill_shares: tuple[tuple[str, float], ...] = ()
+    coverage_every: int = 250_000
+    coverage_latents: int = 256
     latents: LatentConfig = field(default_factory=LatentConfig)
     ppo: PpoConfig = field(default_factory=lambda: PpoConfig(gamma=0.98, desired_kl=0.02))
     networks: NetworkConfig = field(default_factory=NetworkConfig)
@@ -86,6 +104,8 @@ def smoke() -> TrainLowConfig:
         ppo=PpoConfig(horizon=8, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
         warm_start=4,
+        coverage_every=0,
+        coverage_latents=16,
         ase=AseConfig(updates=2, batch=64, replay_capacity=256),
     )
 
@@ -137,15 +157,20 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
         trainer.warm_start()
     metrics = train(
-        trainer, trainer.iterations, directory.path, context, f"train-low {method} seed {context.seed}", SHOWN
+        trainer,
+        trainer.iterations,
+        directory.path,
+        context,
+        f"train-low {method} seed {context.seed}",
+        SHOWN,
+        warn=low_level_warnings,
     )
     if parallel.rank():
         return StageResult(directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics})
-    policy = trainer.policy()
-    metrics |= trainer.closing_figures() | skill_coverage(spec, policy, library, seed=context.seed)
+    metrics |= trainer.closing_figures()
     save_policies(
         directory.file("artifact.h5"),
-        [policy],
+        [trainer.policy()],
         spec=spec,
         context=context,
         config=asdict(config),
@@ -198,7 +223,7 @@ class LowTrainer:
     ) -> None:
         """Build environment, latents and learner."""
         torch.manual_seed(seed)
-        self.config, self.spec, self.motions = config, spec, library
+        self.config, self.spec, self.motions, self.seed = config, spec, library, seed
         task = imitate_task(spec, constrained=config.cat)
         task = replace(task, episode_s=config.episode_s, reset=replace(task.reset, clip_share=config.clip_share))
         self.env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device, motions=library)
@@ -274,6 +299,7 @@ class LowTrainer:
             algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
             speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             tally.add(falls=step.fell.sum(), speed=speed, delta=None if delta is None else delta.mean())
+            tally.add(**{f"violation_{name}": share for name, share in self.terminations.violated.items()})
             env.reset(step.done)
             self.latents.advance(step.done)
             frame, obs = env.frame(), self._observe()
@@ -281,17 +307,30 @@ class LowTrainer:
         figures = algorithm.update()
         sums = tally.read()
         self.recent_falls.append(sums["falls"] * parallel.size())
-        return figures | {
+        return figures | self._coverage(progress) | {
             "speed": sums["speed"] / config.ppo.horizon,
             "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
             "delta": sums.get("delta", 0.0) / config.ppo.horizon,
-            "violations": sum(float(share) for share in self.terminations.violated.values()),
+            **{name: sums[name] / config.ppo.horizon for name in sums if name.startswith("violation_")},
+            **{f"c_max_{name}": float(worst.max()) for name, worst in self.terminations.c_max.items()},
             "std": std,
         }
 
     def _starts(self, count: int) -> torch.Tensor:
         """(count,) rows of the clips' states, drawn as demonstrations are."""
         return self.clips.rows(*self.motions.sample(count, generator=self.draw, margin=CONTROL_DT))
+    @cached_property
+    def coverage(self) -> SkillCoverage:
+        """What measures the skills; beside the training and without a hand in it."""
+        return SkillCoverage(self.spec, self.motions, latents=self.config.coverage_latents, seed=self.seed)
+
+    def _coverage(self, progress: float) -> dict[str, float]:
+        done = round(progress * self.iterations) + 1
+        before, after = (count * self.samples_per_iteration for count in (done - 1, done))
+        every = self.config.coverage_every
+        if parallel.rank() or done != self.iterations and not (every and after // every > before // every):
+            return {}
+        return self.coverage.measure(Policy(self.head, self.algorithm.actor))
 
     def closing_figures(self) -> dict[str, float]:
         """Falls in the last hundredth of the samples and the clips' mean planar speed [m/s], to compare with ``speed``."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,6 +15,7 @@ import torch
 from lacoloco.datasets.artifact import read_artifact, write_artifact
 from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.datasets.store import StageDir
+from lacoloco.pipelines.diagnosis import Figures
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.stage import StageContext
 
@@ -55,7 +56,8 @@ def train(
     description: str,
     shown: tuple[str, ...] = (),
     config: dict[str, Any] | None = None,
-) -> dict[str, float]:
+    warn: Callable[[Sequence[Figures]], list[str]] | None = None,
+) -> dict[str, Any]:
     """Run the training to its end, from its checkpoint if there is one.
 
     Ctrl-C is taken at the end of the running iteration: the checkpoint then holds exactly that iteration. The last
@@ -71,9 +73,10 @@ def train(
         description: name of the training, unique in the directory.
         shown: the figures to show while it runs.
         config: written into the checkpoint.
+        warn: what is wrong, from the figures of all iterations so far; each name is said once while it runs.
 
     Returns:
-        The last iteration's figures with ``samples``, ``seconds`` and ``samples_per_second``.
+        The last iteration's figures with ``samples``, ``seconds``, ``samples_per_second`` and the ``warnings`` that hold.
 
     Raises:
         KeyboardInterrupt: after the checkpoint was written.
@@ -87,11 +90,13 @@ def train(
     context.progress.start(description, total)
     begin = saved = time.monotonic()
     log = MetricsLog(directory, description, start * per_iteration) if first else _NoLog()
+    watch = _Watch(warn, context)
     with log, _deferred_interrupt() as interrupted:
         for iteration in range(start, iterations):
             figures = trainer.iterate(iteration / iterations)
             samples = (iteration + 1) * per_iteration
             log.write(samples, figures)
+            watch(log.history)
             context.progress.advance(samples, **{name: figures[name] for name in shown if name in figures})
             now, stop = time.monotonic(), parallel.any_process(interrupted(), context.device)
             if first and (stop or now - saved > CHECKPOINT_SECONDS):
@@ -99,12 +104,14 @@ def train(
                 saved = now
             if stop:
                 raise KeyboardInterrupt
+        warnings = watch(log.history)
     context.progress.stop()
     seconds = elapsed + time.monotonic() - begin
     if first and start < iterations:
         # Whatever interrupts the rest of the stage, the training need not be repeated.
         _save(trainer, checkpoint, iterations, seconds, figures, context, config or {})
-    return figures | {"samples": total, "seconds": seconds, "samples_per_second": total / max(seconds, 1e-9)}
+    speed = {"samples": total, "seconds": seconds, "samples_per_second": total / max(seconds, 1e-9)}
+    return figures | speed | {"warnings": warnings}
 
 
 def has_checkpoint(directory: Path) -> bool:
@@ -131,7 +138,10 @@ class MetricsLog:
         self.name = name
         path = directory / "metrics.jsonl"
         lines = path.read_text().splitlines(keepends=True) if path.exists() else []
-        path.write_text("".join(line for line in lines if not self._is_repeated(line, done)))
+        kept = [line for line in lines if not self._is_repeated(line, done)]
+        path.write_text("".join(kept))
+        self.history: list[Figures] = [one for one in map(json.loads, kept) if one["training"] == name]
+        """The figures of all iterations of this training so far, also of those before it was resumed."""
         self._lines = path.open("a")
         self._events = SummaryWriter(str(directory / "tensorboard"), purge_step=done + 1)
 
@@ -153,7 +163,8 @@ class MetricsLog:
 
     def write(self, samples: int, figures: dict[str, float]) -> None:
         """Log one iteration's figures at ``samples`` control steps."""
-        self._lines.write(json.dumps({"training": self.name, "samples": samples, **figures}) + "\n")
+        self.history.append({"training": self.name, "samples": samples, **figures})
+        self._lines.write(json.dumps(self.history[-1]) + "\n")
         self._lines.flush()
         for name, value in figures.items():
             self._events.add_scalar(f"{self.name}/{name}", value, samples)
@@ -162,8 +173,26 @@ class MetricsLog:
 class _NoLog(nullcontext):
     """What the other processes of a training write."""
 
+    history: Sequence[Figures] = ()
+
     def write(self, samples: int, figures: dict[str, float]) -> None:
         """Nothing."""
+
+
+class _Watch:
+    """Says each warning once, when it is first seen; the text before its colon is its name."""
+
+    def __init__(self, warn: Callable[[Sequence[Figures]], list[str]] | None, context: StageContext) -> None:
+        self._warn, self._progress, self._said = warn, context.progress, set[str]()
+
+    def __call__(self, history: Sequence[Figures]) -> list[str]:
+        warnings = self._warn(history) if self._warn is not None else []
+        for line in warnings:
+            name = line.partition(":")[0]
+            if name not in self._said:
+                self._progress.say(f"WARNING: {line}")
+            self._said.add(name)
+        return warnings
 
 
 def _save(

@@ -116,8 +116,11 @@ class Ase(Ppo):
 
     def update(self) -> dict[str, float]:
         """Discriminator and encoder first, on this rollout; then actor and critic."""
-        figures = self.figures | self._update_style()
-        return figures | super().update()
+        figures = self.figures | self._update_style() | super().update()
+        if "auxiliary" in figures:
+            # Without its weight: 1 where actions ignore the latent, 0 where they move just as far as it does.
+            figures["diversity"] = figures.pop("auxiliary") / self.ase.diversity
+        return figures
 
     def auxiliary_loss(self, batch: RolloutStorage.Batch, mean: torch.Tensor) -> torch.Tensor | None:
         """Diversity: how far the actions move must match how far the latent moves (paper, "Diversity Term").

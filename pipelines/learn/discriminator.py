@@ -39,6 +39,7 @@ def classification(agent: torch.Tensor, demo: torch.Tensor) -> tuple[torch.Tenso
             "demo_accuracy": (demo > 0).float().mean(),
             "agent_logit": agent.mean(),
             "demo_logit": demo.mean(),
+            "margin": demo.mean() - agent.mean(),
         }
     return bce, figures
 

@@ -19,6 +19,20 @@ def sample_latents(count: int, dim: int, draw: torch.Generator) -> torch.Tensor:
     return project(torch.randn(count, dim, generator=draw, device=draw.device))
 
 
+def latent_usage(chosen: torch.Tensor) -> dict[str, float]:
+    """How much of the sphere the chosen latents (n, d), unit vectors, make use of.
+
+    Returns:
+        ``latent_resultant``: length of their mean, 1 when always the same is chosen, near 0 when they cancel out;
+        ``latent_directions``: exp of the entropy of the eigenvalues of E[z z'], from 1 (one line) to d (all alike).
+    """
+    moment = chosen.double().T @ chosen.double() / len(chosen)
+    weights = torch.linalg.eigvalsh(moment).clamp_min(1e-12)
+    weights = weights / weights.sum()
+    entropy = -(weights * weights.log()).sum()
+    return {"latent_resultant": float(chosen.mean(dim=0).norm()), "latent_directions": float(entropy.exp())}
+
+
 @dataclass(frozen=True)
 class LatentConfig:
     """Dimension of z and the range of control steps (inclusive) for which one is held."""

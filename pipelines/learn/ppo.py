@@ -206,6 +206,7 @@ class Ppo(PPO):
         surrogate = -(torch.minimum(ratio * gain, clipped * gain) * weight).sum()
         value = (self.critic(batch.observations) - batch.returns).square().mean()
         loss = surrogate + value
+        figures = {"surrogate": surrogate, "value": value}
         if config.entropy:
             loss = loss - config.entropy * std.log().sum(dim=-1).mean()
         if config.bound_weight:
@@ -214,7 +215,8 @@ class Ppo(PPO):
         auxiliary = self.auxiliary_loss(batch, mean)
         if auxiliary is not None:
             loss = loss + auxiliary
-        return loss, {"surrogate": surrogate, "value": value, "kl": kl}
+            figures["auxiliary"] = auxiliary
+        return loss, {**figures, "kl": kl}
 
     def _adapt_learning_rate(
         self, batch: RolloutStorage.Batch, mean: torch.Tensor, std: torch.Tensor, weight: torch.Tensor

@@ -102,3 +102,14 @@ def test_samples_are_control_steps(make_trainer):
     assert replace(trainer.config, decisions=16 * 3 * 10).decisions // (16 * 3) == 10
     trainer.config = replace(trainer.config, decisions=16 * 3 * 10)
     assert trainer.iterations == 10
+
+
+def test_the_use_of_latents_is_that_of_the_mean_decisions(make_trainer):
+    trainer = make_trainer(std=(50.0, 50.0))
+    with torch.no_grad():
+        trainer.algorithm.actor.mlp[-1].weight.zero_()
+        trainer.algorithm.actor.mlp[-1].bias.copy_(torch.eye(7)[2])
+    figures = trainer.iterate(0.0)
+    assert figures["latent_resultant"] == pytest.approx(1.0, abs=1e-5), "whatever the noise"
+    assert figures["latent_directions"] == pytest.approx(1.0, abs=1e-3)
+    assert figures["speed"] > 0.0

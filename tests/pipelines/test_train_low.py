@@ -108,6 +108,29 @@ def test_constraints_rise_with_the_progress_and_reach_the_learner(
     assert figures["delta"] == pytest.approx(expected)
 
 
+def test_each_constraint_is_reported_over_the_whole_rollout(make_trainer, monkeypatch):
+    """Half of the steps have one foot of four above its limit, by up to 3 N."""
+    trainer = make_trainer(horizon=4)
+    step, count = trainer.env.step, iter(range(4))
+
+    def scripted(action):
+        margin = torch.full((16, 4), -1.0)
+        margin[:, 0] = 3.0 if next(count) % 2 else -1.0
+        return replace(step(action), violations={"foot_force": margin})
+
+    monkeypatch.setattr(trainer.env, "step", scripted)
+    figures = trainer.iterate(0.0)
+    assert figures["violation_foot_force"] == pytest.approx(0.125)
+    assert 0.0 < figures["c_max_foot_force"] <= 3.0
+
+
+def test_what_a_person_watches_is_reported(make_trainer):
+    expected = {"margin", "diversity", "kl", "learning_rate", "explained_variance", "value", "delta"}
+    figures = make_trainer().iterate(0.0)
+    assert expected <= set(figures)
+    assert 0.5 < figures["diversity"] < 1.5, "an untrained actor hardly depends on the latent"
+
+
 def test_without_constraints_nothing_is_terminated_softly(make_trainer):
     trainer = make_trainer(cat=False)
     assert trainer.iterate(1.0)["delta"] == 0.0

@@ -53,6 +53,9 @@ class Watching(Silent):
     def advance(self, done, **figures):
         self.calls.append(("advance", done, figures))
 
+    def say(self, line):
+        self.calls.append(("say", line))
+
     def stop(self):
         self.calls.append(("stop",))
 
@@ -148,6 +151,32 @@ def test_what_a_killed_training_logged_after_its_checkpoint_is_logged_once(tmp_p
     logged = lines(tmp_path)
     assert [line["samples"] for line in logged] == [10, 20, 90, 30, 40]
     assert logged[2] == later[1]
+
+
+def test_warnings_are_said_once_and_those_that_hold_at_the_end_are_returned(tmp_path, context):
+    def warn(history):
+        names = ["first", "second"] if len(history) == 2 else ["second"] * (len(history) > 1)
+        return [f"{name}: after {len(history)}" for name in names]
+
+    progress = Watching()
+    context = replace(context, progress=progress)
+    figures = train(Walk(), 4, tmp_path, context, "walk", warn=warn)
+    said = [call[1] for call in progress.calls if call[0] == "say"]
+    assert said == ["WARNING: first: after 2", "WARNING: second: after 2"]
+    assert figures["warnings"] == ["second: after 4"]
+
+
+def test_a_resumed_training_is_judged_by_its_whole_history(tmp_path, context):
+    def count(history):
+        return [f"seen: {[figures['samples'] for figures in history]}"]
+
+    with pytest.raises(KeyboardInterrupt):
+        train(Walk(interrupt_at=2), 3, tmp_path, context, "walk")
+    train(Walk(), 1, tmp_path, context, "another")
+    figures = train(Walk(), 3, tmp_path, context, "walk", warn=count)
+    assert figures["warnings"] == ["seen: [10, 20, 30]"]
+    again = train(Walk(), 3, tmp_path, context, "walk", warn=count)
+    assert again["warnings"] == figures["warnings"], "also when nothing was left to train"
 
 
 def test_ctrl_c_works_as_before_once_the_training_is_over(tmp_path, context):

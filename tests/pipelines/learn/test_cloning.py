@@ -6,7 +6,12 @@ from tensordict import TensorDict
 
 from lacoloco.pipelines.learn.cloning import Teacher, clone
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
-from lacoloco.pipelines.learn.skill_embedding import SkillEmbedding, Timeline, WindowConfig, uniformity
+from lacoloco.pipelines.learn.skill_embedding import (
+    SkillEmbedding,
+    Timeline,
+    WindowConfig,
+    uniformity,
+)
 
 CLIP = 40
 

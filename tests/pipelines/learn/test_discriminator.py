@@ -35,6 +35,7 @@ def test_classification_by_hand():
     assert float(figures["agent_accuracy"]) == 0.0
     assert float(figures["demo_accuracy"]) == 1.0
     assert float(figures["agent_logit"]) == pytest.approx(math.log(3.0) / 2)
+    assert float(figures["margin"]) == pytest.approx(math.log(3.0) / 2)
 
 
 def test_accuracy_counts_each_class_on_its_own_side():

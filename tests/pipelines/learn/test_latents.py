@@ -1,10 +1,12 @@
 """Latents: uniform on the sphere, held for a while."""
 
+import pytest
 import torch
 
 from lacoloco.pipelines.learn.latents import (
     LatentConfig,
     LatentSchedule,
+    latent_usage,
     project,
     sample_latents,
 )
@@ -74,3 +76,15 @@ def test_state_dict_goes_on_with_the_same_latents():
         first.advance(NOBODY)
         second.advance(NOBODY)
         assert torch.equal(first.z, second.z)
+
+
+def test_usage_of_the_sphere_by_hand():
+    """One point; a pole and its opposite, which is one line; all seven axes both ways."""
+    axes = torch.eye(7)
+    found = [latent_usage(z) for z in (axes[[0] * 5], torch.stack((axes[0], -axes[0])))]
+    assert [one["latent_resultant"] for one in found] == pytest.approx([1.0, 0.0])
+    assert [one["latent_directions"] for one in found] == pytest.approx([1.0, 1.0], abs=1e-6)
+    both = latent_usage(torch.cat((axes, -axes)))
+    assert both == pytest.approx({"latent_resultant": 0.0, "latent_directions": 7.0})
+    two = latent_usage(axes[:2])
+    assert two == pytest.approx({"latent_resultant": 0.5**0.5, "latent_directions": 2.0})
