@@ -43,6 +43,8 @@ class TrainHighConfig:
         decisions: high-level samples in all; each takes five control steps.
         std: exploration std of the unnormalised latent at the start and at the end.
         reward_scale: factor on the task's reward.
+        near: share of the training's targets that lie nearer than the task's; the way there takes most of an episode, and
+            only what is left of it teaches how to touch.
         low_noise: the frozen low level acts on noisy observations, as on a robot.
     """
 
@@ -50,6 +52,7 @@ class TrainHighConfig:
     decisions: int = 1_000_000
     std: tuple[float, float] = (0.5, 0.2)
     reward_scale: float = 10.0
+    near: float = 0.5
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
             horizon=20, epochs=5, minibatches=4, gamma=0.97, bound=1.5, bound_weight=0.1, deterministic_share=0.0
@@ -161,7 +164,9 @@ class HighTrainer:
         """Build the hierarchy and the learner."""
         torch.manual_seed(seed)
         self.config = config
-        env = LeggedEnv(spec, reach_task(spec), config.worlds, seed=seed, device=device)
+        task = reach_task(spec)
+        task = replace(task, command=replace(task.command, near=config.near))
+        env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)
         self.latent_dim = low.head.sizes["latent"]
         self.env = LatentSteeredEnv(env, low, self.latent_dim)
         # Whole decisions only, so that time-outs stay on the boundary between two latents.

@@ -49,6 +49,17 @@ def test_cylinder_targets_lie_on_its_shell_all_around():
     assert (quarters > 400).all()
 
 
+def test_a_share_of_the_targets_is_pulled_in():
+    command = TargetCommand(radius=1.5, z=(0.16, 0.42), near=0.25)
+    drawn = command.sample(torch.zeros(4000, 3), generator())
+    distance = drawn[:, :2].norm(dim=-1)
+    near = distance < 1.5 - 1e-4
+    assert 0.22 < near.float().mean() < 0.28
+    # Uniform factors: as many in each quarter of the way, and the height is left alone.
+    assert (torch.histc(distance[near], 4, 0.0, 1.5) > 0.2 * near.sum()).all()
+    assert drawn[near, 2].min() < 0.18 and drawn[near, 2].max() > 0.40
+
+
 def test_targets_are_seen_in_the_base_frame():
     """Turned left by 90 degrees, what lies ahead in the world lies to the right (-y) of the base."""
     command = TargetCommand(z=(0.0, 0.0))
