@@ -67,8 +67,7 @@ def _section(part: SubFigure, title: str, members: Sequence[Training], panels: l
         _panel(axes, panel, members)
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
-    for axes in grid[max(0, len(panels) - COLUMNS) : len(panels)]:
-        axes.set_xlabel("samples [million control steps]")
+    part.supxlabel("samples [million control steps]", fontsize=8.0)
     alone = f", {members[0].label}" if len(members) == 1 else ""
     part.suptitle(title + alone, x=0.006, ha="left", fontsize=10.5, fontweight="bold")
     if not alone:
@@ -79,9 +78,9 @@ def _section(part: SubFigure, title: str, members: Sequence[Training], panels: l
 def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
     label_y(axes, panel.title, panel.unit)
     handles: dict[str, Line2D] = {}
+    several = len(members) > 1
     for index, training in enumerate(members):
         for position, line in enumerate(_expand(panel.lines, training)):
-            several = len(members) > 1
             look = {
                 "color": _colour(index if several else position),
                 "linestyle": DASHES[position % len(DASHES)] if several else "-",
@@ -90,10 +89,12 @@ def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
             if line.label:
                 shown = look if not several else look | {"color": GREY}
                 handles.setdefault(line.label, Line2D([], [], label=line.label, **shown))
-        for line in _expand(panel.references, training):
+        for position, line in enumerate(_expand(panel.references, training)):
             value = training.figures[line.figure]
             level = line.factor * value[np.isfinite(value)][-1]
-            axes.axhline(level, color=GREY, linestyle=":", linewidth=1.0, zorder=1.5)
+            # Of one training, the clips' line has the colour of what it is to be compared with.
+            colour = GREY if several or len(panel.references) == 1 else _colour(position)
+            axes.axhline(level, color=colour, linestyle=":", linewidth=1.0, zorder=1.5)
             if line.label:
                 handles.setdefault(line.label, Line2D([], [], color=GREY, linestyle=":", label=line.label))
     if panel.level is not None:

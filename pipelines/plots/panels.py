@@ -79,14 +79,14 @@ LOW = (
         "m/s",
         (
             Line("speed", "in training"),
-            Line("coverage_speed_p50", "standing start", band=("coverage_speed_p10", "coverage_speed_p90")),
+            Line("coverage_speed_p50", "standing start: median, 10-90 %", band=("coverage_speed_p10", "coverage_speed_p90")),
         ),
         references=(Line("clips_speed_p50", "clips"),),
     ),
     Panel(
         "Lift of the end effector",
         "cm",
-        (Line("coverage_lift", "standing start", 100.0, ("coverage_lift_p10", "coverage_lift_p90")),),
+        (Line("coverage_lift", "standing start: mean, 10-90 %", 100.0, ("coverage_lift_p10", "coverage_lift_p90")),),
         references=(Line("clips_lift", "clips", 100.0),),
     ),
     Panel("Falls", "per 1000 steps", (Line("falls_per_1000_steps"),)),

@@ -34,7 +34,8 @@ STYLE = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "legend.fontsize": 7.0,
-    "legend.frameon": False,
+    "legend.edgecolor": "none",
+    "legend.framealpha": 0.75,
     "legend.handlelength": 1.8,
     "lines.linewidth": 1.3,
 }
