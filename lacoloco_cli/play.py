@@ -13,6 +13,7 @@ import typer
 from lacoloco_cli.console import note
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.session import Session, path_text, verb
+from lacoloco_cli.written_files import check_writable, copy_to
 
 app = typer.Typer()
 
@@ -46,11 +47,11 @@ def play(
     config = session.config(stage.PRESETS)
     source = source or newest(session)
     if html is not None:
-        check_writable(html)
+        check_writable("--html", html)
     result = stage.run(config, session.context(), source=source, names=clip or ())
     page = Path(result.metrics["html"])
     if html is not None:
-        copy_page(page, html)
+        copy_to("--html", page, html)
     payload = {"artifact": path_text(result.artifact), **result.metrics}
     payload["html"] = str(html or page)
     session.answer(payload, lambda: typer.echo(payload["html"]))
@@ -72,29 +73,6 @@ def newest(session: Session) -> Path:
         f"run '{session.run_name}' has nothing to play; name an artifact, or make motions with"
         " `lacoloco retarget`"
     )
-
-
-def check_writable(file: Path) -> None:
-    """Refuse a place that cannot be written before the work, not after it.
-
-    Raises:
-        UserError: Its folder is missing or read-only, or it is a folder itself.
-    """
-    folder = file.absolute().parent
-    if file.is_dir() or not os.access(folder, os.W_OK):
-        raise UserError(f"--html {file}: cannot be written there; name a file in another folder")
-
-
-def copy_page(page: Path, file: Path) -> None:
-    """Copy the page to where it was asked for.
-
-    Raises:
-        UserError: The file system refuses.
-    """
-    try:
-        file.write_bytes(page.read_bytes())
-    except OSError as error:
-        raise UserError(f"--html {file}: {error.strerror}; the page is in {page}") from error
 
 
 def show(page: Path) -> None:

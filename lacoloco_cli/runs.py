@@ -1,4 +1,7 @@
-"""`lacoloco runs`: list what lies in runs/, show where it comes from, verify that it is intact."""
+"""`lacoloco runs`: list what lies in runs/, show where it comes from, verify that it is intact.
+
+Its further sub-commands have files of their own.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lacoloco_cli import console
+from lacoloco_cli import console, plot
 from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
@@ -17,7 +20,8 @@ if TYPE_CHECKING:
     from lacoloco.datasets.lineage import Ancestor
     from lacoloco.datasets.store import RunStore
 
-app = typer.Typer(no_args_is_help=True, help="List, show and verify what lies in runs/.")
+app = typer.Typer(no_args_is_help=True, help="List, show, plot and verify what lies in runs/.")
+app.add_typer(plot.app)
 
 _WHAT = "A run, or an artifact or its directory; default: "
 Shown = Annotated[
