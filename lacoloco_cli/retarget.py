@@ -15,6 +15,25 @@ from lacoloco_cli.session import Session, path_text, verb
 app = typer.Typer()
 
 MODES = ("clip", "paper")
+COLUMNS = {
+    "name": "clip",
+    "frames": "frames",
+    "scale": "scale",
+    "keypoint_error_mean_m": "error m",
+    "keypoint_error_p95_m": "95 % m",
+    "foot_skate_mean_m_s": "skate m/s",
+    "ground_penetration_max_m": "sunk m",
+    "stance_float_max_m": "floats m",
+    "contact_agreement": "contacts",
+    "joint_limit_hits": "limit hits",
+    "joint_speed_hits": "speed hits",
+    "joint_acceleration_peak": "rad/s^2",
+    "height_error_mean_m": "height off m",
+    "speed_error_mean_m_s": "speed off m/s",
+    "torque_share_p95": "torque 95 %",
+    "solver_failures": "failures",
+}
+"""The figures of a clip that a table has room for."""
 INCOMPLETE = 1
 """Exit code when some files gave clips and others did not."""
 
@@ -64,29 +83,21 @@ def retarget(
     given = {key: value for key, value in given.items() if value is not None}
     config = replace(session.config(stage.PRESETS), **given)
     result = stage.run(config, session.context(), robot=robot, sources=sources or ())
-    payload = {"artifact": path_text(result.artifact), **result.metrics}
+    pictures = sorted(result.artifact.parent.glob("reports/*.png"))
+    pictures += result.artifact.parent.glob("report.png")
+    reports = [path_text(picture) for picture in pictures]
+    payload = {"artifact": path_text(result.artifact), **result.metrics, "reports": reports}
     session.answer(payload, lambda: _show(payload))
     if result.metrics["skipped"]:
         raise typer.Exit(INCOMPLETE)
 
 
 def _show(payload: dict[str, Any]) -> None:
-    columns = {
-        "name": "clip",
-        "frames": "frames",
-        "scale": "scale",
-        "keypoint_error_mean_m": "error m",
-        "keypoint_error_max_m": "max m",
-        "foot_skate_mean_m_s": "skate m/s",
-        "ground_penetration_max_m": "sunk m",
-        "contact_agreement": "contacts",
-        "joint_limit_hits": "limit hits",
-        "joint_speed_hits": "speed hits",
-        "solver_failures": "failures",
-    }
-    rows = [[clip[key] for key in columns] for clip in payload["clips"]]
-    console.print_table(list(columns.values()), rows)
+    rows = [[clip[key] for key in COLUMNS] for clip in payload["clips"]]
+    console.print_table(list(COLUMNS.values()), rows)
     for entry in payload["skipped"]:
         typer.echo(f"skipped: {entry['error']}")
     typer.echo(f"{payload['frames']:,} frames, {payload['frames_per_second']:.0f} per second")
+    for picture in payload["reports"]:
+        typer.echo(picture)
     typer.echo(payload["artifact"])

@@ -6,18 +6,20 @@ cannot solve is replaced by the next best, counted and reported.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lacoloco.datasets.clip import Clip, save_clips
+from lacoloco.datasets.clip import save_clips
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.mocap import UpAxis, load_bvh
 from lacoloco.datasets.samples import DOG_BVH
+from lacoloco.datasets.store import StageDir
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.clip_problem import ClipWeights
-from lacoloco.pipelines.retargeting.retargeter import Mode, Retargeter
+from lacoloco.pipelines.retargeting.report import write_report
+from lacoloco.pipelines.retargeting.retargeter import Mode, Retargeted, Retargeter
 from lacoloco.pipelines.retargeting.sources import clip_names, find_recordings
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot
@@ -41,6 +43,7 @@ class RetargetConfig:
         unit: Metres per unit of the files.
         skill: Skill of the clips.
         licence: Licence of the files; that of the bundled sample is known.
+        pictures: Draw a report of each clip beside the artifact.
     """
 
     mode: Mode = "clip"
@@ -51,6 +54,7 @@ class RetargetConfig:
     unit: float = 0.01
     skill: str = "dog"
     licence: str = ""
+    pictures: bool = True
 
 
 def laptop() -> RetargetConfig:
@@ -102,11 +106,11 @@ def run(
     paths = find_recordings(sources or [DOG_BVH])
     spec = load_robot(robot)
     retargeter = Retargeter(spec, config.mode, config.scale, config.posture_weight, config.clip)
-    made: list[tuple[Path, Clip, dict[str, Any]]] = []
+    made: list[tuple[Path, Retargeted]] = []
     skipped: list[dict[str, str]] = []
     for path, name in zip(paths, clip_names(paths), strict=True):
         try:
-            made.append((path, *_one(retargeter, path, name, config, context)))
+            made.append((path, _one(retargeter, path, name, config, context)))
         except (DatasetError, StageError) as error:
             if len(paths) == 1:
                 raise
@@ -117,29 +121,42 @@ def run(
             f"none of {len(paths)} files gave a clip; the first: {skipped[0]['error']}"
         )
     metrics = {
-        "clips": [figures for _, _, figures in made],
+        "clips": [result.figures() for _, result in made],
         "skipped": skipped,
         "frames": retargeter.frames,
         "frames_per_second": retargeter.frames_per_second,
     }
     directory = context.store.begin(context.run, STAGE)
+    if config.pictures:
+        _draw(directory, [result for _, result in made], metrics["clips"])
     save_clips(
         directory.file("artifact.h5"),
-        [clip for _, clip, _ in made],
+        [result.clip for _, result in made],
         robot=(spec.name, spec.model_hash()),
         config=asdict(config),
         seed=context.seed,
-        parents=[path for path, _, _ in made],
+        parents=[path for path, _ in made],
         command=context.command,
         metadata={"metrics": metrics},
     )
     return StageResult(directory.complete(), metrics)
 
 
+def _draw(
+    directory: StageDir, made: Sequence[Retargeted], figures: Sequence[Mapping[str, Any]]
+) -> None:
+    """One picture per clip: `report.png`, or several in `reports/`."""
+    for result, row in zip(made, figures, strict=True):
+        name = "report.png" if len(made) == 1 else f"reports/{result.clip.name}.png"
+        path = directory.file(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_report(path, result.assessment, row)
+
+
 def _one(
     retargeter: Retargeter, path: Path, name: str, config: RetargetConfig, context: StageContext
-) -> tuple[Clip, dict[str, Any]]:
-    """One file as a clip, with its quality; shows its progress."""
+) -> Retargeted:
+    """One file as a clip; shows its progress."""
     mocap = load_bvh(path, up_axis=config.up_axis, scale=config.unit)
     if mocap.frames < 2:
         raise DatasetError(f"{path}: has one frame; a motion needs at least two")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -12,15 +13,11 @@ from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.mocap import Mocap
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.kinematics import BodyPositions
-from lacoloco.pipelines.retargeting import quality
+from lacoloco.pipelines.retargeting.assessment import Assessment
 from lacoloco.pipelines.retargeting.body_map import body_map, leg_geometry
 from lacoloco.pipelines.retargeting.clip_problem import ClipProblem, ClipWeights
 from lacoloco.pipelines.retargeting.filters import lower_envelope
-from lacoloco.pipelines.retargeting.pose_problem import (
-    PoseProblem,
-    TrackedMotion,
-    retarget_bounds,
-)
+from lacoloco.pipelines.retargeting.pose_problem import PoseProblem, TrackedMotion
 from lacoloco.pipelines.retargeting.targets import Targets, fitted_targets, plain_targets
 from lacoloco.robots.spec import RobotSpec
 
@@ -30,6 +27,25 @@ GROUND_REACH = 0.5
 """s; a clip is set on the ground by its lowest feet within this time, so that leaps stay leaps."""
 
 Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Retargeted:
+    """A clip and how good it is."""
+
+    clip: Clip
+    assessment: Assessment
+    failures: int
+    """Frames that the solver could not solve; they are blends of their neighbours."""
+
+    def figures(self) -> dict[str, Any]:
+        """Name, number of frames, and all that is measured; plain JSON values."""
+        return {
+            "name": self.clip.name,
+            "frames": self.clip.frames,
+            **self.assessment.figures(),
+            "solver_failures": self.failures,
+        }
 
 
 class Retargeter:
@@ -81,7 +97,7 @@ class Retargeter:
         on_frame: Callable[[int], None] = lambda done: None,
         say: Say = lambda line: None,
         **about: str,
-    ) -> tuple[Clip, dict[str, Any]]:
+    ) -> Retargeted:
         """Retarget one recording.
 
         Args:
@@ -90,9 +106,6 @@ class Retargeter:
             on_frame: Told the number of frames done.
             say: Told what a person should know.
             **about: `skill`, `source` and `licence` of the clip.
-
-        Returns:
-            The clip and its quality.
 
         Raises:
             DatasetError: The skeleton lacks a joint.
@@ -115,18 +128,16 @@ class Retargeter:
             contacts=targets.contacts,
             **about,
         )
-        limits = np.array(self.spec.velocity_limits)
-        bounds = retarget_bounds(self.spec)
-        figures = {
-            "name": name,
-            "frames": clip.frames,
-            **quality.clip_quality(
-                keypoints, feet + lift[:, None], targets, self._radius, mocap.fps
-            ),
-            **quality.joint_quality(motion.joint_pos, bounds, limits, mocap.fps),
-            "solver_failures": failures,
-        }
-        return clip, figures
+        assessment = Assessment(
+            spec=self.spec,
+            clip=clip,
+            targets=targets,
+            keypoints=keypoints,
+            feet=feet + lift[:, None],
+            hip_columns=self._map.hip_columns,
+            lift=lift[:, 2],
+        )
+        return Retargeted(clip, assessment, failures)
 
     def _targets(self, mocap: Mocap) -> Targets:
         if self._scale is None:
