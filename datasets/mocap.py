@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
@@ -13,9 +13,19 @@ import numpy as np
 
 from lacoloco.datasets.errors import DatasetError, storage_errors
 
-UpAxis = Literal["y", "z"]
+UpAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
-_FARTHEST = 1e4  # m; a point beyond is a damaged number, not a motion
+_TO_WORLD: dict[str, tuple[tuple[int, int], ...]] = {
+    # (axis of the file, sign) of world x, y, z; each a proper rotation
+    "x": ((1, 1), (2, 1), (0, 1)),
+    "y": ((0, -1), (2, 1), (1, 1)),
+    "z": ((0, 1), (1, 1), (2, 1)),
+    "-x": ((2, 1), (1, 1), (0, -1)),
+    "-y": ((0, 1), (2, 1), (1, -1)),
+    "-z": ((0, 1), (1, -1), (2, -1)),
+}
+
+_FARTHEST = 1e7  # ten kilometres in millimetres; beyond is a damaged number, not a motion
 
 
 @dataclass(frozen=True)
@@ -65,16 +75,75 @@ class Mocap:
         """
         if not 0 <= start < stop <= self.frames:
             raise DatasetError(f"{self.name}: frames {start}:{stop} are not within 0:{self.frames}")
-        part = self.positions[start:stop]
-        return Mocap(self.name, self.fps, self.joint_names, self.parents, part)
+        return replace(self, positions=self.positions[start:stop])
+
+    def placed(self, up_axis: UpAxis, scale: float) -> Mocap:
+        """A recording in the axes and units of its file, with z up and in metres.
+
+        Args:
+            up_axis: Axis of the file that points up; with y, world (x, y, z) is (-x, z, y).
+            scale: Metres per unit of the file.
+
+        Raises:
+            DatasetError: No such axis, or an impossible scale.
+        """
+        if up_axis not in _TO_WORLD:
+            raise DatasetError(f"up_axis '{up_axis}': use one of {', '.join(_TO_WORLD)}")
+        if not 0 < scale < np.inf:
+            raise DatasetError(f"scale {scale}: give the metres per unit of the file, e.g. 0.01")
+        columns = [sign * self.positions[..., axis] for axis, sign in _TO_WORLD[up_axis]]
+        return replace(self, positions=scale * np.stack(columns, axis=-1))
+
+    def resampled(self, fps: float) -> Mocap:
+        """The same motion at another rate, on cubics through the frames (Catmull-Rom).
+
+        The last frame is the last one within the duration.
+
+        Raises:
+            DatasetError: fps is not positive.
+        """
+        if not 0 < fps < np.inf:
+            raise DatasetError(f"{self.name}: cannot resample to {fps} frames per second")
+        last = self.frames - 1
+        times = np.arange(int(np.floor(self.duration * fps + 1e-6)) + 1) * (self.fps / fps)
+        low = np.clip(times.astype(int), 0, max(last - 1, 0))
+        high, share = np.minimum(low + 1, last), (times - low)[:, None, None]
+        values = self.positions
+        slopes = np.gradient(values, axis=0) if last else np.zeros_like(values)
+        step = values[high] - values[low]
+        bend = (1 - share) * (slopes[low] - step) - share * (slopes[high] - step)
+        positions = values[low] + share * step + share * (1 - share) * bend
+        return replace(self, fps=float(fps), positions=positions)
+
+    def mirrored(self, pairs: Sequence[tuple[str, str]]) -> Mocap:
+        """The mirror image at the plane y = 0, in which left stays left.
+
+        Args:
+            pairs: Nodes that change sides with each other.
+        """
+        order = list(range(len(self.joint_names)))
+        for one, other in pairs:
+            a, b = self.joint_names.index(one), self.joint_names.index(other)
+            order[a], order[b] = b, a
+        return replace(self, positions=self.positions[:, order] * [1.0, -1.0, 1.0])
+
+
+def axis_of_file(up_axis: UpAxis, axis: int, sign: int) -> str:
+    """Name ("y", "-z") of the axis of a file that became an axis of the world.
+
+    Args:
+        up_axis: With which the file was read.
+        axis: 0, 1, 2 for world x, y, z.
+        sign: 1, or -1 for its opposite.
+    """
+    source, own_sign = _TO_WORLD[up_axis][axis]
+    return ("-" if sign * own_sign < 0 else "") + "xyz"[source]
 
 
 def load_bvh(path: Path, *, up_axis: UpAxis = "y", scale: float = 0.01) -> Mocap:
     """Read a BVH file and compute where its nodes are.
 
-    The root is where its position channels say; its OFFSET, left over from the capture set-up, is
-    not added. BVH does not say which axis points up, so it is said here and never guessed:
-    with y up, world (x, y, z) = scale * (-x, z, y) of the file, a proper rotation.
+    BVH does not say which axis points up, so it is said here and never guessed.
 
     Args:
         path: the file.
@@ -82,25 +151,32 @@ def load_bvh(path: Path, *, up_axis: UpAxis = "y", scale: float = 0.01) -> Mocap
         scale: metres per unit of the file; 0.01 for centimetres.
 
     Raises:
+        DatasetError: see `read_bvh` and `Mocap.placed`.
+    """
+    path = Path(path)
+    return read_bvh(path).placed(up_axis, scale)
+
+
+def read_bvh(path: Path) -> Mocap:
+    """Read a BVH file as it is, its nodes in the axes and units of the file.
+
+    The root is where its position channels say; its OFFSET, left over from the capture set-up, is
+    not added.
+
+    Raises:
         DatasetError: missing, empty, not BVH, cut short, without frames, or with values that are
             not finite; the message names the file.
     """
     path = Path(path)
-    if up_axis not in ("y", "z"):
-        raise DatasetError(f"up_axis '{up_axis}': use 'y' or 'z'")
-    if not 0 < scale < np.inf:
-        raise DatasetError(f"scale {scale}: give the metres per unit of the file, e.g. 0.01")
     _check_text(path)
     name, fps, joint_names, parents, points = _parse(path)
     if len(set(joint_names)) < len(joint_names):
         raise DatasetError(f"{path}: two joints have the same name; rename one")
-    finite = np.isfinite(points).all((1, 2)) & (np.abs(points).max((1, 2)) < _FARTHEST / scale)
-    if not finite.all():
-        bad = int(np.argmin(finite))
+    sound = (np.isfinite(points) & (np.abs(points) < _FARTHEST)).all((1, 2))
+    if not sound.all():
+        bad = int(np.argmin(sound))
         raise DatasetError(f"{path}: frame {bad} holds a value that is no number or out of range")
-    if up_axis == "y":
-        points = np.stack([-points[..., 0], points[..., 2], points[..., 1]], axis=-1)
-    return Mocap(name, fps, joint_names, parents, points * scale)
+    return Mocap(name, fps, joint_names, parents, points)
 
 
 def _check_text(path: Path) -> None:

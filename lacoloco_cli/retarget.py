@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -15,6 +16,26 @@ from lacoloco_cli.session import Session, path_text, verb
 app = typer.Typer()
 
 MODES = ("clip", "paper")
+COLUMNS = {
+    "name": "clip",
+    "frames": "frames",
+    "scale": "scale",
+    "keypoint_error_mean_m": "error m",
+    "keypoint_error_p95_m": "95 % m",
+    "foot_skate_mean_m_s": "skate m/s",
+    "ground_penetration_max_m": "sunk m",
+    "stance_float_max_m": "floats m",
+    "contact_agreement": "contacts",
+    "joint_limit_hits": "limit hits",
+    "joint_speed_hits": "speed hits",
+    "joint_acceleration_peak": "rad/s^2",
+    "height_error_mean_m": "height off m",
+    "speed_error_mean_m_s": "speed off m/s",
+    "torque_share_p95": "torque 95 %",
+    "solver_failures": "failures",
+    "times_real_time": "x real time",
+}
+"""The figures of a clip that a table has room for."""
 INCOMPLETE = 1
 """Exit code when some files gave clips and others did not."""
 
@@ -37,6 +58,24 @@ def retarget(
             help="All frames together, feet planted (default), or frame by frame as in the paper.",
         ),
     ] = None,
+    select: Annotated[
+        str | None,
+        typer.Option(
+            "--select", metavar="NAME|FILE", help="Use these files and parts only, e.g. paper-dogs."
+        ),
+    ] = None,
+    trim: Annotated[
+        str | None,
+        typer.Option(
+            "--trim", metavar="START:END", help="Part of each file: frames (120:600) or 2s:10s."
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option("--fps", help="Frames per second of the clips.")
+    ] = None,
+    mirror: Annotated[
+        bool | None, typer.Option("--mirror", help="Retarget the mirror image.", show_default=False)
+    ] = None,
     scale: Annotated[
         str | None,
         typer.Option(
@@ -46,47 +85,101 @@ def retarget(
         ),
     ] = None,
     up_axis: Annotated[
-        str | None, typer.Option("--up-axis", metavar="y|z", help="Axis of the files that is up.")
+        str | None,
+        typer.Option("--up-axis", metavar="[-]x|y|z", help="Axis of the files that is up."),
     ] = None,
     unit: Annotated[
-        float | None, typer.Option("--unit", help="Metres per unit of the files; default: 0.01.")
+        float | None, typer.Option("--unit", help="Metres per unit of the files, e.g. 0.01.")
     ] = None,
+    swap_sides: Annotated[
+        bool | None,
+        typer.Option("--swap-sides", help="Left is right in the files.", show_default=False),
+    ] = None,
+    map: Annotated[
+        str | None,
+        typer.Option("--map", metavar="FILE", help="Map of one's own from joints to the robot."),
+    ] = None,
+    maps: Annotated[
+        bool, typer.Option("--maps", help="List the maps and selections that come with lacoloco.")
+    ] = False,
     licence: Annotated[
         str | None, typer.Option("--licence", help="Licence of the files, kept with the clips.")
     ] = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", min=0, help="Processes; 0: one per core.")
+    ] = 0,
+    again: Annotated[
+        bool, typer.Option("--again", help="Also make what the run has already.")
+    ] = False,
 ) -> None:
     """Turn motion capture (.bvh) into motions of the robot."""
     from lacoloco.pipelines import retarget as stage
 
+    if maps:
+        return list_maps(session)
     if mode not in (None, *MODES):
         raise UserError(f"--mode {mode}: use {' or '.join(MODES)}")
     given = {"mode": mode, "scale": scale, "up_axis": up_axis, "unit": unit, "licence": licence}
+    given |= {"trim": trim, "fps": fps, "select": select, "map": map}
+    given |= {"mirror": mirror, "swap_sides": swap_sides}
     given = {key: value for key, value in given.items() if value is not None}
     config = replace(session.config(stage.PRESETS), **given)
-    result = stage.run(config, session.context(), robot=robot, sources=sources or ())
-    payload = {"artifact": path_text(result.artifact), **result.metrics}
+    result = stage.run(
+        config, session.context(), robot=robot, sources=sources or (), jobs=jobs, again=again
+    )
+    folder = result.artifact.parent
+    pictures = sorted([*folder.glob("report.png"), *folder.glob("reports/**/*.png")])
+    reports = [path_text(picture) for picture in pictures]
+    payload = {"artifact": path_text(result.artifact), **result.metrics, "reports": reports}
     session.answer(payload, lambda: _show(payload))
-    if result.metrics["skipped"]:
+    if result.metrics["skipped"] or result.metrics["absent"]:
         raise typer.Exit(INCOMPLETE)
 
 
+def list_maps(session: Session) -> None:
+    """Show which skeletons are known, and which selections of datasets."""
+    from lacoloco.pipelines.retargeting.selection import load_selection, shipped_selections
+    from lacoloco.pipelines.retargeting.skeleton_maps import shipped_maps
+
+    maps = [
+        {
+            "name": skeleton.name,
+            "robot": skeleton.robot,
+            "up_axis": skeleton.up_axis,
+            "unit": skeleton.unit,
+            "scale": skeleton.scale,
+            "joints": ", ".join(skeleton.keypoints),
+            "about": skeleton.about,
+        }
+        for skeleton in shipped_maps()
+    ]
+    known = [load_selection(name) for name in shipped_selections()]
+    selections = [{"name": s.name, "clips": len(s.trims), "about": s.about} for s in known]
+
+    def show() -> None:
+        for rows, column in ((maps, "map"), (selections, "selection")):
+            columns = [column, *list(rows[0])[1:]]
+            console.print_table(columns, [list(row.values()) for row in rows])
+
+    session.answer({"maps": maps, "selections": selections}, show)
+
+
 def _show(payload: dict[str, Any]) -> None:
-    columns = {
-        "name": "clip",
-        "frames": "frames",
-        "scale": "scale",
-        "keypoint_error_mean_m": "error m",
-        "keypoint_error_max_m": "max m",
-        "foot_skate_mean_m_s": "skate m/s",
-        "ground_penetration_max_m": "sunk m",
-        "contact_agreement": "contacts",
-        "joint_limit_hits": "limit hits",
-        "joint_speed_hits": "speed hits",
-        "solver_failures": "failures",
-    }
-    rows = [[clip[key] for key in columns] for clip in payload["clips"]]
-    console.print_table(list(columns.values()), rows)
+    rows = [[clip[key] for key in COLUMNS] for clip in payload["clips"]]
+    console.print_table(list(COLUMNS.values()), rows)
+    for clip in payload["clips"]:
+        for warning in clip["warnings"]:
+            typer.echo(f"{clip['name']}: {warning}")
     for entry in payload["skipped"]:
         typer.echo(f"skipped: {entry['error']}")
-    typer.echo(f"{payload['frames']:,} frames, {payload['frames_per_second']:.0f} per second")
+    if payload["absent"]:
+        typer.echo(f"selected, but not there: {', '.join(payload['absent'])}")
+    typer.echo(
+        f"{len(payload['clips'])} clips ({payload['kept']} were there), {len(payload['skipped'])}"
+        f" skipped, {len(payload['absent'])} absent; {payload['frames']:,} frames,"
+        f" {payload['frames_per_second']:.0f} per second and core"
+    )
+    folder = "reports" if len(payload["reports"]) > 1 else "report.png"
+    if payload["reports"]:
+        typer.echo(os.path.join(os.path.dirname(payload["artifact"]), folder))
     typer.echo(payload["artifact"])

@@ -1,56 +1,33 @@
 """Stage retarget: motion capture (.bvh) -> clips of the robot.
 
-Each file becomes one clip. A file that cannot be read is reported and left out; what the solver
-cannot solve is replaced by the next best, counted and reported.
+Each file becomes one clip. A file that cannot be used is reported and left out; what the solver
+cannot solve is replaced by the next best, counted and reported. Clips that the run has already are
+taken over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from lacoloco.datasets.clip import Clip, save_clips
-from lacoloco.datasets.errors import DatasetError
-from lacoloco.datasets.mocap import UpAxis, load_bvh
+from lacoloco.datasets.clip import save_clips
+from lacoloco.datasets.errors import ArtifactError, DatasetError
 from lacoloco.datasets.samples import DOG_BVH
+from lacoloco.datasets.store import StageDir
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.retargeting.clip_problem import ClipWeights
-from lacoloco.pipelines.retargeting.retargeter import Mode, Retargeter
+from lacoloco.pipelines.retargeting.batch import retarget_all
+from lacoloco.pipelines.retargeting.config import RetargetConfig
+from lacoloco.pipelines.retargeting.earlier import Piece, clip_keys, earlier_pieces, pieces_in
+from lacoloco.pipelines.retargeting.selection import load_selection
 from lacoloco.pipelines.retargeting.sources import clip_names, find_recordings
+from lacoloco.pipelines.retargeting.worker import Task, Worker, picture_path, piece_path
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot
 
 STAGE = "retarget"
-SAMPLE_LICENCE = "BSD-3-Clause"
-
-
-@dataclass(frozen=True)
-class RetargetConfig:
-    """How recordings are retargeted.
-
-    Attributes:
-        mode: "clip" solves all frames together, feet planted where the paws stand; "paper" solves
-            the paper's program frame by frame and sets the result on the ground.
-        scale: "auto" fits the animal to the robot, a number does so with this factor, "none" leaves
-            it in its own size (paper); empty: what suits the mode.
-        posture_weight: alpha of the paper, m^2/rad^2; for mode "paper".
-        clip: Weights of mode "clip".
-        up_axis: Axis of the files that points up.
-        unit: Metres per unit of the files.
-        skill: Skill of the clips.
-        licence: Licence of the files; that of the bundled sample is known.
-    """
-
-    mode: Mode = "clip"
-    scale: str = ""
-    posture_weight: float = 0.005
-    clip: ClipWeights = field(default_factory=ClipWeights)
-    up_axis: UpAxis = "y"
-    unit: float = 0.01
-    skill: str = "dog"
-    licence: str = ""
 
 
 def laptop() -> RetargetConfig:
@@ -82,79 +59,172 @@ def run(
     *,
     robot: str = "solo12",
     sources: Sequence[str | Path] = (),
+    jobs: int = 0,
+    again: bool = False,
 ) -> StageResult:
     """Retarget recordings and write their clips as one artifact.
 
     Args:
-        config: How.
+        config: How, and which part of them.
         context: Where.
         robot: Name of the robot.
         sources: Files, folders and patterns; none for the bundled sample.
+        jobs: Number of processes; 0 for that of the cores.
+        again: Make clips that the run has already anew.
 
     Returns:
-        The artifact; metrics `clips` (one entry per clip), `skipped` (file and reason of those left
-        out), `frames`, and `frames_per_second` of one core.
+        The artifact, an earlier one where that has all there is to make; metrics `clips` (one entry
+        per clip), `skipped` (file and reason of those left out), `absent` (selected, but not among
+        the files), `kept` (how many clips were there already), `frames`, and `frames_per_second` of
+        one core.
 
     Raises:
-        StageError: A folder or pattern without files, an impossible scale, or no clip at all.
+        StageError: A folder or pattern without files, an impossible option, or no clip at all.
         RobotError: Unknown robot.
         DatasetError: The only file cannot be used.
     """
-    paths = find_recordings(sources or [DOG_BVH])
-    spec = load_robot(robot)
-    retargeter = Retargeter(spec, config.mode, config.scale, config.posture_weight, config.clip)
-    made: list[tuple[Path, Clip, dict[str, Any]]] = []
-    skipped: list[dict[str, str]] = []
-    for path, name in zip(paths, clip_names(paths), strict=True):
-        try:
-            made.append((path, *_one(retargeter, path, name, config, context)))
-        except (DatasetError, StageError) as error:
-            if len(paths) == 1:
-                raise
-            skipped.append({"file": str(path), "error": str(error)})
-            context.progress.say(f"skipped: {error}")
+    config.check()
+    tasks, absent = _tasks(config, sources)
+    worker = Worker(config, robot)
+    keys, failures = _keys(worker, tasks)
+    earlier: dict[str, Piece] = {}
+    if not again:
+        earlier = earlier_pieces(context.store, context.run, STAGE, set(keys.values()))
+    directory = context.store.begin(context.run, STAGE, resume=context.resume)
+    todo = [task for task in tasks if task in keys and keys[task] not in earlier]
+    for task, outcome in retarget_all(
+        worker, config, robot, todo, directory.path, jobs, context.progress
+    ):
+        if isinstance(outcome, (DatasetError, StageError)):
+            failures[task] = outcome
+            continue
+        for warning in outcome:
+            context.progress.say(f"{task.name}: {warning}")
+    made = _collect(tasks, keys, failures, earlier, directory)
     if not made:
-        raise StageError(
-            f"none of {len(paths)} files gave a clip; the first: {skipped[0]['error']}"
-        )
-    metrics = {
-        "clips": [figures for _, _, figures in made],
-        "skipped": skipped,
-        "frames": retargeter.frames,
-        "frames_per_second": retargeter.frames_per_second,
-    }
-    directory = context.store.begin(context.run, STAGE)
-    save_clips(
-        directory.file("artifact.h5"),
-        [clip for _, clip, _ in made],
-        robot=(spec.name, spec.model_hash()),
-        config=asdict(config),
-        seed=context.seed,
-        parents=[path for path, _, _ in made],
-        command=context.command,
-        metadata={"metrics": metrics},
-    )
+        directory.discard()
+        _nothing(tasks, failures)
+    skipped = [{"file": str(task.path), "error": str(e)} for task, e in failures.items()]
+    metrics = _metrics(made, skipped, absent, kept=sum(p.key in earlier for _, p in made))
+    for entry in skipped:
+        context.progress.say(f"skipped: {entry['error']}")
+    newest = context.store.all(context.run, STAGE)[-1:]
+    if not again and newest and _holds(newest[0], made):
+        directory.discard()
+        return StageResult(newest[0], metrics)
+    _finish(directory, config, context, (robot, load_robot(robot).model_hash()), made, metrics)
     return StageResult(directory.complete(), metrics)
 
 
-def _one(
-    retargeter: Retargeter, path: Path, name: str, config: RetargetConfig, context: StageContext
-) -> tuple[Clip, dict[str, Any]]:
-    """One file as a clip, with its quality; shows its progress."""
-    mocap = load_bvh(path, up_axis=config.up_axis, scale=config.unit)
-    if mocap.frames < 2:
-        raise DatasetError(f"{path}: has one frame; a motion needs at least two")
-    known = SAMPLE_LICENCE if path.resolve() == DOG_BVH.resolve() else "unknown"
-    context.progress.start(f"{STAGE} {name}", mocap.frames)
-    try:
-        return retargeter.clip(
-            mocap,
-            name,
-            on_frame=context.progress.advance,
-            say=lambda line: context.progress.say(f"{name}: {line}"),
-            skill=config.skill,
-            source=path.name,
-            licence=config.licence or known,
+def _tasks(
+    config: RetargetConfig, sources: Sequence[str | Path]
+) -> tuple[list[Task], list[str]]:
+    """What is to be done, and the names that a selection misses."""
+    paths = find_recordings(sources or [DOG_BVH])
+    if not config.select:
+        names = clip_names(paths)
+        return [Task(path, name) for path, name in zip(paths, names, strict=True)], []
+    selection = load_selection(config.select)
+    chosen = selection.chosen(paths)
+    if not chosen:
+        raise StageError(
+            f"--select {config.select}: none of its {len(selection.trims)} recordings is among"
+            f" {len(paths)} files; name the folder that has them"
         )
-    finally:
-        context.progress.stop()
+    return [Task(path, path.stem, trim) for path, trim in chosen], selection.absent(paths)
+
+
+def _keys(
+    worker: Worker, tasks: Sequence[Task]
+) -> tuple[dict[Task, str], dict[Task, DatasetError | StageError]]:
+    keys: dict[Task, str] = {}
+    failures: dict[Task, DatasetError | StageError] = {}
+    for task in tasks:
+        try:
+            keys[task] = worker.key(task)
+        except DatasetError as error:
+            failures[task] = error
+    return keys, failures
+
+
+def _collect(
+    tasks: Sequence[Task],
+    keys: Mapping[Task, str],
+    failures: Mapping[Task, Exception],
+    earlier: Mapping[str, Piece],
+    directory: StageDir,
+) -> list[tuple[Task, Piece]]:
+    """The clips that there are now, in the order of their files."""
+    made = []
+    for task in tasks:
+        if task in failures:
+            continue
+        piece = earlier.get(keys[task])
+        if piece is None:
+            (piece,) = pieces_in(piece_path(directory.path, keys[task]))
+        made.append((task, piece))
+    return made
+
+
+def _nothing(tasks: Sequence[Task], failures: Mapping[Task, DatasetError | StageError]) -> None:
+    first = next(iter(failures.values()))
+    if len(tasks) == 1:
+        raise first
+    raise StageError(f"none of {len(tasks)} files gave a clip; the first: {first}")
+
+
+def _metrics(
+    made: Sequence[tuple[Task, Piece]],
+    skipped: list[dict[str, str]],
+    absent: list[str],
+    kept: int,
+) -> dict[str, Any]:
+    clips = [piece.figures for _, piece in made]
+    seconds = sum(p.clip.duration / p.figures["times_real_time"] for _, p in made)
+    frames = sum(figures["frames"] for figures in clips)
+    return {
+        "clips": clips,
+        "skipped": skipped,
+        "absent": absent,
+        "kept": kept,
+        "frames": frames,
+        "frames_per_second": frames / max(seconds, 1e-9),
+    }
+
+
+def _holds(artifact: Path, made: Sequence[tuple[Task, Piece]]) -> bool:
+    """Whether an artifact has these clips and no others."""
+    try:
+        return clip_keys(artifact) == [piece.key for _, piece in made]
+    except ArtifactError:
+        return False
+
+
+def _finish(
+    directory: StageDir,
+    config: RetargetConfig,
+    context: StageContext,
+    robot: tuple[str, str],
+    made: Sequence[tuple[Task, Piece]],
+    metrics: Mapping[str, Any],
+) -> None:
+    """Put clips and pictures together; the pieces are in the way then."""
+    for _, piece in made:
+        picture = picture_path(directory.path, piece.clip.name)
+        if piece.picture is not None and piece.picture != picture:
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(piece.picture, picture)
+    if len(made) == 1 and (picture := picture_path(directory.path, made[0][1].clip.name)).is_file():
+        picture.rename(directory.file("report.png"))
+        shutil.rmtree(directory.file("reports"))
+    save_clips(
+        directory.file("artifact.h5"),
+        [piece.clip for _, piece in made],
+        robot=robot,
+        config=asdict(config),
+        seed=context.seed,
+        parents=[task.path for task, _ in made],
+        command=context.command,
+        metadata={"metrics": dict(metrics)},
+    )
+    shutil.rmtree(directory.file("pieces"), ignore_errors=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.mocap import Mocap
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.kinematics import FREE_BASE, BodyPositions
@@ -26,19 +28,32 @@ class BodyMap:
     hip_columns: tuple[int, ...]
     """Where the hips stand among the robot's keypoints."""
     foot_columns: tuple[int, ...]
+    ends: tuple[tuple[str, ...], ...]
+    """Nodes that touch the ground, per leg: the first that a file has."""
 
     def limb_ends(self, mocap: Mocap) -> tuple[str, ...]:
-        """Nodes that touch the ground: the ends below `feet` where the file has them, else `feet`.
+        """The node of each leg that touches the ground; its foot where the file has no other.
 
         Raises:
             DatasetError: The skeleton lacks a foot.
         """
         mocap.keypoints(self.feet)
-        ends = (f"{foot}_end" for foot in self.feet)
         return tuple(
-            end if end in mocap.joint_names else foot
-            for end, foot in zip(ends, self.feet, strict=True)
+            next((end for end in ends if end in mocap.joint_names), foot)
+            for ends, foot in zip(self.ends, self.feet, strict=True)
         )
+
+    def limbs(self, mocap: Mocap) -> list[tuple[str, ...]]:
+        """The nodes of each leg from its hip down to the ground.
+
+        Raises:
+            DatasetError: The skeleton lacks a hip or a foot, or one is not below the other.
+        """
+        mocap.keypoints(self.hips)
+        return [
+            _chain(mocap, hip, end)
+            for hip, end in zip(self.hips, self.limb_ends(mocap), strict=True)
+        ]
 
 
 @dataclass(frozen=True)
@@ -53,8 +68,15 @@ class LegGeometry:
     """Longest distance between a hip and its foot, m."""
 
 
-def body_map(spec: RobotSpec) -> BodyMap:
+def body_map(
+    spec: RobotSpec, contacts: Mapping[str, Sequence[str]] | None = None
+) -> BodyMap:
     """Read the pairs of hips and feet off the robot's keypoints.
+
+    Args:
+        spec: The robot.
+        contacts: Per foot of the robot, nodes that touch the ground; default: the end below the
+            joint of its keypoint.
 
     Raises:
         StageError: A foot has no keypoint, or no keypoint at the root of its leg.
@@ -79,7 +101,18 @@ def body_map(spec: RobotSpec) -> BodyMap:
         feet=tuple(joints[i] for i in feet),
         hip_columns=tuple(hips),
         foot_columns=tuple(feet),
+        ends=tuple(
+            tuple((contacts or {}).get(foot, (f"{joints[i]}_end",)))
+            for foot, i in zip(spec.feet, feet, strict=True)
+        ),
     )
+
+
+def side_partners(legs: LegGeometry) -> list[int]:
+    """For each leg, the one on the other side of the robot."""
+    mirrored = legs.hips * [1.0, -1.0, 1.0]
+    distance = np.linalg.norm(mirrored[:, None] - legs.hips[None], axis=-1)
+    return distance.argmin(1).tolist()
 
 
 def leg_geometry(spec: RobotSpec, mapping: BodyMap) -> LegGeometry:
@@ -94,6 +127,17 @@ def leg_geometry(spec: RobotSpec, mapping: BodyMap) -> LegGeometry:
     hips, feet = points[:, mapping.hip_columns], points[:, mapping.foot_columns]
     reach = np.linalg.norm(feet - hips, axis=-1).max()
     return LegGeometry(hips[0], feet[0], float(reach))
+
+
+def _chain(mocap: Mocap, hip: str, end: str) -> tuple[str, ...]:
+    """Names from hip to end, going up the parents."""
+    names, index = [end], mocap.joint_names.index(end)
+    while names[-1] != hip:
+        index = mocap.parents[index]
+        if index < 0:
+            raise DatasetError(f"{mocap.name}: joint '{end}' is not below '{hip}'; mend the map")
+        names.append(mocap.joint_names[index])
+    return tuple(reversed(names))
 
 
 def _spread_poses(spec: RobotSpec) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lacoloco.pipelines.retargeting.targets import Targets
+from lacoloco.pipelines.retargeting.filters import smooth
 
 LIMIT_MARGIN = 1e-3
 """rad; a joint this close to a bound rests on it."""
@@ -51,9 +51,9 @@ def foot_quality(
     return {
         "foot_skate_mean_m_s": float(speed[standing].mean()) if standing.any() else 0.0,
         # In whole nanometres: what is less is rounding.
-        "ground_penetration_max_m": round(float(max(-gap.min(), 0.0)), 9),
+        "ground_penetration_max_m": round(max(0.0, float(-gap.min())), 9),
         "stance_float_max_m": float(max(gap[contacts].max(), 0.0)) if contacts.any() else 0.0,
-        "contact_agreement": float(((gap < TOUCHING) == contacts).mean()),
+        "contact_agreement": float((touches(feet, radius) == contacts).mean()),
     }
 
 
@@ -87,15 +87,60 @@ def joint_quality(
     }
 
 
-def clip_quality(
-    points: np.ndarray, feet: np.ndarray, targets: Targets, radius: float, fps: float
-) -> dict[str, Any]:
-    """Errors of the keypoints as solved, and quality of the feet as they stand in the clip."""
+def course_quality(robot: np.ndarray, animal: np.ndarray, fps: float) -> dict[str, float]:
+    """How high and how fast the robot goes, and the animal at the robot's size.
+
+    Args:
+        robot: (T, 3) m, the middle of its hips.
+        animal: (T, 3) m, that of the animal's, as targets.
+        fps: Frames per second.
+
+    Returns:
+        Means of both heights, m, and of both horizontal speeds, m/s, and of their differences from
+        frame to frame, `height_error_mean_m` and `speed_error_mean_m_s`.
+    """
+    fast, faster = horizontal_speed(robot, fps), horizontal_speed(animal, fps)
     return {
-        "scale": targets.scale,
-        **keypoint_errors(points, targets.points),
-        **foot_quality(feet, targets.contacts, radius, fps),
+        "base_height_mean_m": float(robot[:, 2].mean()),
+        "animal_height_mean_m": float(animal[:, 2].mean()),
+        "height_error_mean_m": float(np.abs(robot[:, 2] - animal[:, 2]).mean()),
+        "base_speed_mean_m_s": float(fast.mean()),
+        "animal_speed_mean_m_s": float(faster.mean()),
+        "speed_error_mean_m_s": float(np.abs(fast - faster).mean()),
     }
+
+
+def effort_quality(torque_share: np.ndarray, missing_share: np.ndarray) -> dict[str, float]:
+    """Whether motors could drive the motion, and whether the ground could carry it.
+
+    Args:
+        torque_share: (T, J) torques of inverse dynamics over the motors' limits.
+        missing_share: (T,) force that standing feet cannot give, over the robot's weight.
+
+    Returns:
+        `torque_share_peak` and `torque_share_p95`; `torque_limit_hits`, how many of all frames and
+        joints are at or beyond the limit; `missing_force_mean` and `missing_force_p95`.
+    """
+    return {
+        "torque_share_p95": float(np.percentile(torque_share, 95)),
+        "torque_share_peak": float(torque_share.max()),
+        "torque_limit_hits": int((torque_share >= 1.0).sum()),
+        "missing_force_mean": float(missing_share.mean()),
+        "missing_force_p95": float(np.percentile(missing_share, 95)),
+    }
+
+
+def horizontal_speed(course: np.ndarray, fps: float) -> np.ndarray:
+    """Speed (T,) along the ground of a point (T, 3), m/s, without what shakes faster than 0.05 s."""
+    if len(course) < 2:
+        return np.zeros(len(course))
+    velocity = smooth(np.gradient(course[:, :2], 1 / fps, axis=0), 0.05 * fps)
+    return np.linalg.norm(velocity, axis=-1)
+
+
+def touches(feet: np.ndarray, radius: float) -> np.ndarray:
+    """Which feet (T, F) touch the ground; centres of their spheres (T, F, 3), m."""
+    return feet[..., 2] - radius < TOUCHING
 
 
 def _peak(series: np.ndarray) -> float:

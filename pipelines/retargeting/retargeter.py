@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,19 +13,20 @@ from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.mocap import Mocap
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.kinematics import BodyPositions
-from lacoloco.pipelines.retargeting import quality
+from lacoloco.pipelines.retargeting.assessment import Assessment
 from lacoloco.pipelines.retargeting.body_map import body_map, leg_geometry
 from lacoloco.pipelines.retargeting.clip_problem import ClipProblem, ClipWeights
+from lacoloco.pipelines.retargeting.config import Mode
 from lacoloco.pipelines.retargeting.filters import lower_envelope
-from lacoloco.pipelines.retargeting.pose_problem import (
-    PoseProblem,
-    TrackedMotion,
-    retarget_bounds,
+from lacoloco.pipelines.retargeting.pose_problem import PoseProblem, TrackedMotion
+from lacoloco.pipelines.retargeting.skeleton_maps import RULES, SkeletonMap
+from lacoloco.pipelines.retargeting.targets import (
+    ScaleRule,
+    Targets,
+    fitted_targets,
+    plain_targets,
 )
-from lacoloco.pipelines.retargeting.targets import Targets, fitted_targets, plain_targets
 from lacoloco.robots.spec import RobotSpec
-
-Mode = Literal["paper", "clip"]
 
 GROUND_REACH = 0.5
 """s; a clip is set on the ground by its lowest feet within this time, so that leaps stay leaps."""
@@ -32,11 +34,38 @@ GROUND_REACH = 0.5
 Say = Callable[[str], None]
 
 
+@dataclass(frozen=True)
+class Retargeted:
+    """A clip and how good it is."""
+
+    clip: Clip
+    assessment: Assessment
+    failures: int
+    """Frames that the solver could not solve; they are blends of their neighbours."""
+    seconds: float
+    """Processor time."""
+
+    def figures(self) -> dict[str, Any]:
+        """Name, number of frames, and all that is measured; plain JSON values."""
+        return {
+            "name": self.clip.name,
+            "frames": self.clip.frames,
+            **self.assessment.figures(),
+            "solver_failures": self.failures,
+        }
+
+
 class Retargeter:
-    """One robot with its programs, built once for all recordings."""
+    """One robot and one kind of skeleton, with their programs, built once for all recordings."""
 
     def __init__(
-        self, spec: RobotSpec, mode: Mode, scale: str, posture_weight: float, weights: ClipWeights
+        self,
+        spec: RobotSpec,
+        mode: Mode,
+        scale: str,
+        posture_weight: float,
+        weights: ClipWeights,
+        skeleton: SkeletonMap | None = None,
     ) -> None:
         """Build them.
 
@@ -46,32 +75,33 @@ class Retargeter:
             scale: See `parse_scale`; "" for what suits the mode.
             posture_weight: Of the paper's program.
             weights: Of the clip's program.
+            skeleton: Its joints; default: the keypoints of the robot's own spec.
 
         Raises:
             StageError: The robot cannot be retargeted to, or the scale is none.
         """
-        self.spec = spec
+        self.spec = spec = spec if skeleton is None else mapped(spec, skeleton)
         self._scale = parse_scale(scale or ("none" if mode == "paper" else "auto"))
         if mode == "clip" and self._scale is None:
             raise StageError(
                 "scale 'none': feet cannot be planted so; use auto, a factor, or paper mode"
             )
+        self._rule: ScaleRule = "limbs"
+        if skeleton is not None and self._scale == "auto":
+            if skeleton.scale in RULES:
+                self._rule = skeleton.scale
+            else:
+                self._scale = float(skeleton.scale)
         self._poses = PoseProblem(spec, posture_weight)
-        self._map = body_map(spec)
-        self._legs = leg_geometry(spec, self._map)
+        self.map = body_map(spec, None if skeleton is None else skeleton.contacts)
+        self.legs = leg_geometry(spec, self.map)
         self._clips = None
         if mode == "clip":
-            self._clips = ClipProblem(spec, self._map, self._legs, weights)
+            self._clips = ClipProblem(spec, self.map, self.legs, weights)
         self._positions = BodyPositions(
             spec.pinocchio_model(), (*spec.keypoints.values(), *spec.feet)
         )
         self._radius = spec.foot_radius()
-        self.frames, self.seconds = 0, 0.0
-
-    @property
-    def frames_per_second(self) -> float:
-        """Frames retargeted so far per second of one core, reading and building left out."""
-        return self.frames / self.seconds if self.seconds else 0.0
 
     def clip(
         self,
@@ -81,7 +111,7 @@ class Retargeter:
         on_frame: Callable[[int], None] = lambda done: None,
         say: Say = lambda line: None,
         **about: str,
-    ) -> tuple[Clip, dict[str, Any]]:
+    ) -> Retargeted:
         """Retarget one recording.
 
         Args:
@@ -91,9 +121,6 @@ class Retargeter:
             say: Told what a person should know.
             **about: `skill`, `source` and `licence` of the clip.
 
-        Returns:
-            The clip and its quality.
-
         Raises:
             DatasetError: The skeleton lacks a joint.
             StageError: No frame could be solved.
@@ -101,8 +128,7 @@ class Retargeter:
         started = time.process_time()
         targets = self._targets(mocap)
         motion, lift, failures = self._solve(targets, mocap.fps, on_frame, say)
-        self.frames += mocap.frames
-        self.seconds += time.process_time() - started
+        seconds = time.process_time() - started
         points = self._positions(motion.root_pos, motion.root_quat, motion.joint_pos)
         keypoints, feet = np.split(points, [len(self.spec.keypoints)], axis=1)
         clip = Clip.from_poses(
@@ -115,24 +141,22 @@ class Retargeter:
             contacts=targets.contacts,
             **about,
         )
-        limits = np.array(self.spec.velocity_limits)
-        bounds = retarget_bounds(self.spec)
-        figures = {
-            "name": name,
-            "frames": clip.frames,
-            **quality.clip_quality(
-                keypoints, feet + lift[:, None], targets, self._radius, mocap.fps
-            ),
-            **quality.joint_quality(motion.joint_pos, bounds, limits, mocap.fps),
-            "solver_failures": failures,
-        }
-        return clip, figures
+        assessment = Assessment(
+            spec=self.spec,
+            clip=clip,
+            targets=targets,
+            keypoints=keypoints,
+            feet=feet + lift[:, None],
+            hip_columns=self.map.hip_columns,
+            lift=lift[:, 2],
+        )
+        return Retargeted(clip, assessment, failures, seconds)
 
     def _targets(self, mocap: Mocap) -> Targets:
         if self._scale is None:
-            return plain_targets(mocap, tuple(self.spec.keypoints), self._map)
+            return plain_targets(mocap, tuple(self.spec.keypoints), self.map)
         factor = None if self._scale == "auto" else self._scale
-        return fitted_targets(mocap, self._map, self._legs, self._radius, factor)
+        return fitted_targets(mocap, self.map, self.legs, self._radius, factor, self._rule)
 
     def _solve(
         self, targets: Targets, fps: float, on_frame: Callable[[int], None], say: Say
@@ -148,6 +172,25 @@ class Retargeter:
         lift = ground_lift(points[:, len(self.spec.keypoints) :, 2], self._radius, fps)
         failures = len(lift) if self._clips is not None else int(motion.failed.sum())
         return motion, lift, failures
+
+
+def mapped(spec: RobotSpec, skeleton: SkeletonMap) -> RobotSpec:
+    """The robot with the keypoints of a map.
+
+    Raises:
+        StageError: The map names a frame that the robot has not.
+    """
+    model = spec.model()
+    known = {model.body(index).name for index in range(1, model.nbody)}
+    for key, frames in (("keypoints", skeleton.keypoints.values()), ("contacts", skeleton.contacts)):
+        for frame in frames:
+            if frame not in known or (key == "contacts" and frame not in spec.feet):
+                allowed = spec.feet if key == "contacts" else sorted(known)
+                raise StageError(
+                    f"map '{skeleton.name}': [{key}] names '{frame}', which {spec.name} has not;"
+                    f" use {', '.join(allowed)}"
+                )
+    return replace(spec, keypoints=skeleton.keypoints)
 
 
 def parse_scale(text: str) -> float | Literal["auto"] | None:

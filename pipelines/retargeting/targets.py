@@ -8,7 +8,9 @@ robot's foot sphere on the ground, however high its marker was.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +20,8 @@ from lacoloco.pipelines.retargeting.alignment import rigid_fit
 from lacoloco.pipelines.retargeting.body_map import BodyMap, LegGeometry
 from lacoloco.pipelines.retargeting.contacts import ContactRule, detect_contacts, stance_heights
 from lacoloco.pipelines.retargeting.filters import smooth
+
+ScaleRule = Literal["limbs", "height"]
 
 HEADING_SIGMA = 0.15
 """s; the offsets of the feet turn with the walk, not with every sway of the hips."""
@@ -58,6 +62,7 @@ def fitted_targets(
     legs: LegGeometry,
     foot_radius: float,
     scale: float | None = None,
+    rule: ScaleRule = "limbs",
 ) -> Targets:
     """Keypoints fitted to the robot, see the module.
 
@@ -67,6 +72,7 @@ def fitted_targets(
         legs: Sizes of the robot.
         foot_radius: m.
         scale: Size of the robot's motion relative to the animal's; None for `natural_scale`.
+        rule: Of `natural_scale`.
 
     Raises:
         DatasetError: The skeleton lacks a joint.
@@ -74,7 +80,7 @@ def fitted_targets(
     hips, paws = mocap.keypoints(mapping.hips), mocap.keypoints(mapping.limb_ends(mocap))
     ground = stance_heights(paws, ContactRule())
     if scale is None:
-        scale = natural_scale(mocap, mapping, legs, foot_radius)
+        scale = natural_scale(mocap, mapping, legs, foot_radius, rule)
     center, quat = rigid_fit(legs.hips, scale * hips)
     trunk = center[:, None] + rotations.rotate(quat[:, None], legs.hips[None])
     trunk[..., 2] += foot_radius - scale * ground.mean()
@@ -91,37 +97,40 @@ def fitted_targets(
     return Targets(points, paw_contacts(mocap, mapping), scale)
 
 
-def natural_scale(mocap: Mocap, mapping: BodyMap, legs: LegGeometry, foot_radius: float) -> float:
-    """Length of the robot's legs over that of the animal's limbs, so that both bend alike.
+def natural_scale(
+    mocap: Mocap,
+    mapping: BodyMap,
+    legs: LegGeometry,
+    foot_radius: float,
+    rule: ScaleRule = "limbs",
+) -> float:
+    """Size of the robot's motion relative to the animal's.
 
-    Less when the animal's hips stand so high above its paws that the robot's legs would stretch.
+    By limbs: length of the robot's legs over that of the animal's limbs, so that both bend alike;
+    less when the animal's hips stand so high above its paws that the robot's legs would stretch.
+    By height: as large as legs reach, for limbs whose bones say little (a horse's, an arthropod's).
     """
-    limbs = [limb_length(mocap, hip, end) for hip, end in _limbs(mocap, mapping)]
     reach = legs.reach + foot_radius
     paws = mocap.keypoints(mapping.limb_ends(mocap))
     height = (mocap.keypoints(mapping.hips)[..., 2] - stance_heights(paws, ContactRule())).mean(1)
     standing = max(float(np.percentile(height, 90)), 1e-6)
-    return min(reach / float(np.mean(limbs)), MOST_STRETCHED * reach / standing)
+    highest = MOST_STRETCHED * reach / standing
+    if rule == "height":
+        return highest
+    limbs = [limb_length(mocap, limb) for limb in mapping.limbs(mocap)]
+    return min(reach / float(np.mean(limbs)), highest)
 
 
-def limb_length(mocap: Mocap, hip: str, end: str) -> float:
-    """Sum of the bones from `end` up to `hip`, median over the clip, m."""
-    index, length = mocap.joint_names.index(end), 0.0
-    while mocap.joint_names[index] != hip and mocap.parents[index] >= 0:
-        bone = mocap.positions[:, index] - mocap.positions[:, mocap.parents[index]]
-        length += float(np.median(np.linalg.norm(bone, axis=-1)))
-        index = mocap.parents[index]
-    return length
+def limb_length(mocap: Mocap, limb: Sequence[str]) -> float:
+    """Sum of the bones between the nodes of a limb, median over the clip, m."""
+    bones = np.linalg.norm(np.diff(mocap.keypoints(limb), axis=1), axis=-1)
+    return float(np.median(bones, axis=0).sum())
 
 
 def paw_contacts(mocap: Mocap, mapping: BodyMap) -> np.ndarray:
     """Which paws stand (T, F)."""
     paws, hips = mocap.keypoints(mapping.limb_ends(mocap)), mocap.keypoints(mapping.hips)
     return detect_contacts(paws, hips.mean(1), mocap.fps, ContactRule())
-
-
-def _limbs(mocap: Mocap, mapping: BodyMap) -> list[tuple[str, str]]:
-    return list(zip(mapping.hips, mapping.limb_ends(mocap), strict=True))
 
 
 def _heading(quat: np.ndarray, fps: float) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +10,11 @@ import numpy as np
 from lacoloco.datasets.artifact import Artifact
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.hashing import hash_file
-from lacoloco.datasets.mocap import Mocap, load_bvh
+from lacoloco.datasets.mocap import Mocap
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.recording import Recording
-from lacoloco.pipelines.retargeting.body_map import body_map
 from lacoloco.pipelines.retargeting.contacts import ContactRule, stance_heights
+from lacoloco.pipelines.retargeting.reading import Reading
 from lacoloco.robots.spec import RobotSpec
 
 
@@ -30,13 +31,13 @@ def with_animal(recording: Recording, artifact: Artifact, index: int, spec: Robo
         The same recording where the mocap is gone, changed, or was never there.
     """
     try:
-        figures = artifact.metadata["metrics"]["clips"][index]
-        parent, config = artifact.parents[index], artifact.config
+        figures, parent = artifact.metadata["metrics"]["clips"][index], artifact.parents[index]
         path = parent.locate(artifact.path)
         if hash_file(path) != parent.sha256:
             return recording
-        mocap = load_bvh(path, up_axis=config["up_axis"], scale=config["unit"])
-        skeleton = skeleton_in_size(mocap, float(figures["scale"]), spec)
+        mocap = Reading(**figures["reading"]).of(path)
+        radius = spec.foot_radius()
+        skeleton = skeleton_in_size(mocap, figures["paws"], float(figures["scale"]), radius)
     except (KeyError, IndexError, TypeError, OSError, DatasetError, StageError):
         return recording  # the clip is what is played; its animal is an extra
     if len(skeleton) != recording.frames:
@@ -45,13 +46,19 @@ def with_animal(recording: Recording, artifact: Artifact, index: int, spec: Robo
     return replace(recording, skeleton=skeleton, bones=bones)
 
 
-def skeleton_in_size(mocap: Mocap, scale: float, spec: RobotSpec) -> np.ndarray:
+def skeleton_in_size(
+    mocap: Mocap, paws: Sequence[str], scale: float, foot_radius: float
+) -> np.ndarray:
     """Points (T, K, 3) of the animal, scaled, its standing paws at the height of the foot spheres.
 
+    Args:
+        mocap: The animal.
+        paws: Its nodes that touch the ground.
+        scale: Of the robot's motion relative to the animal's.
+        foot_radius: m.
+
     Raises:
-        DatasetError: The skeleton lacks a foot.
-        StageError: The robot has no map to it.
+        DatasetError: The skeleton lacks a paw.
     """
-    paws = mocap.keypoints(body_map(spec).limb_ends(mocap))
-    ground = float(stance_heights(paws, ContactRule()).mean())
-    return scale * (mocap.positions - [0.0, 0.0, ground]) + [0.0, 0.0, spec.foot_radius()]
+    ground = float(stance_heights(mocap.keypoints(paws), ContactRule()).mean())
+    return scale * (mocap.positions - [0.0, 0.0, ground]) + [0.0, 0.0, foot_radius]

@@ -11,6 +11,9 @@ def invoke(*arguments):
     return CliRunner().invoke(app, ["retarget", *map(str, arguments)])
 
 
+NO_PICTURE = ("--set", "pictures=false")
+
+
 @pytest.fixture
 def dog(tmp_path):
     """A second of the bundled dog."""
@@ -60,7 +63,7 @@ def test_options_reach_the_config(dog):
 
 def test_one_bad_file_among_good_ones_is_exit_code_1(dog, tmp_path):
     (tmp_path / "empty.bvh").touch()
-    result = invoke(tmp_path, "--json", "--quiet")
+    result = invoke(tmp_path, "--json", "--quiet", "--jobs", "1", *NO_PICTURE)
     assert result.exit_code == 1
     answer = json.loads(result.stdout)
     assert [clip["name"] for clip in answer["clips"]] == ["dog"]
@@ -102,8 +105,12 @@ def test_a_bad_file_is_one_line_and_exit_code_2(dog, damage):
         (["--preset", "huge"], "laptop"),
         (["--set", "scal=1"], "scale"),
         (["--scale", "huge"], "auto"),
-        (["--up-axis", "x"], "up_axis"),
-        (["--unit", "-1"], "scale"),
+        (["--up-axis", "w"], "--up-axis w"),
+        (["--up-axis", "-y"], "--up-axis=y"),
+        (["--unit", "-1"], "--unit"),
+        (["--trim", "5"], "120:600"),
+        (["--select", "cats"], "paper-dogs"),
+        (["--map", "gone.toml"], "gone.toml"),
     ],
 )
 def test_mistakes_on_the_command_line(arguments, hint):
@@ -117,3 +124,30 @@ def test_a_read_only_runs_folder(dog, read_only_folder, monkeypatch):
     result = invoke(dog, "--quiet")
     assert result.exit_code == 2
     assert str(read_only_folder) in result.stderr
+
+
+def test_maps_and_selections_are_listed():
+    result = invoke("--maps")
+    assert result.exit_code == 0, result.stderr
+    assert "mann-dog" in result.stdout and "LeftHand" in result.stdout
+    assert "paper-dogs" in result.stdout
+    answer = json.loads(invoke("--maps", "--json").stdout)
+    assert answer["maps"][0]["robot"] == "solo12"
+    assert answer["selections"][0]["clips"] == 41
+
+
+def test_a_selection_that_is_incomplete_is_exit_code_1(dog, tmp_path):
+    selection = tmp_path / "mine.toml"
+    selection.write_text("[clips]\ndog = [0, 40]\ngone = []\n")
+    result = invoke(tmp_path, "--select", selection, "--quiet", *NO_PICTURE)
+    assert result.exit_code == 1
+    assert "not there: gone" in result.stdout
+
+
+def test_the_second_call_finds_everything_there(dog):
+    first = json.loads(invoke(dog, "--json", "--quiet").stdout)
+    second = json.loads(invoke(dog, "--json", "--quiet").stdout)
+    assert second["kept"] == 1
+    assert second["artifact"] == first["artifact"]
+    (picture,) = second["reports"]
+    assert picture.endswith("report.png")

@@ -1,11 +1,12 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lacoloco.datasets.errors import DatasetError
-from lacoloco.datasets.mocap import load_bvh
-from lacoloco.datasets.samples import DOG_BVH
+from lacoloco.datasets.mocap import load_bvh, read_bvh
+from lacoloco.datasets.samples import DOG_BVH, make_dog
 
 SMALL = """HIERARCHY
 ROOT Hips
@@ -56,8 +57,8 @@ def test_points_by_hand_y_up(bvh):
 def test_other_axes_and_units(bvh):
     mocap = load_bvh(bvh(), up_axis="z", scale=1.0)
     np.testing.assert_allclose(mocap.positions[0, 1], [11, 2, 3], atol=1e-12)
-    with pytest.raises(DatasetError, match="up_axis 'x'"):
-        load_bvh(bvh(), up_axis="x")
+    with pytest.raises(DatasetError, match="up_axis 'w'"):
+        load_bvh(bvh(), up_axis="w")
     with pytest.raises(DatasetError, match="scale 0"):
         load_bvh(bvh(), scale=0)
 
@@ -175,3 +176,38 @@ def test_another_channel_order_and_rate(shared):
     assert (mocap.frames, mocap.fps) == (494, pytest.approx(30))
     lengths = np.linalg.norm(np.diff(mocap.keypoints(["LeftLeg", "LeftFoot"]), axis=1), axis=-1)
     np.testing.assert_allclose(lengths, 0.18, atol=1e-6)
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
+def test_whichever_axis_is_up_a_left_hand_stays_a_left_hand(bvh, up):
+    raw, placed = read_bvh(bvh()), load_bvh(bvh(), up_axis=up, scale=1.0)
+    axis, sign = "xyz".index(up[-1]), -1 if up[0] == "-" else 1
+    np.testing.assert_allclose(placed.positions[..., 2], sign * raw.positions[..., axis])
+    # a proper rotation is a combination of the axes with determinant 1
+    points = np.random.default_rng(0).normal(size=(1, 3, 3))
+    turned = replace(raw, positions=points).placed(up, 1.0).positions
+    assert np.linalg.det(turned[0]) == pytest.approx(np.linalg.det(points[0]))
+
+
+def test_another_rate_keeps_the_motion():
+    mocap = load_bvh(DOG_BVH)
+    twice = mocap.resampled(120.0)
+    assert (twice.frames, twice.fps) == (2 * mocap.frames - 1, 120.0)
+    np.testing.assert_allclose(twice.positions[::2], mocap.positions, atol=1e-12)
+    between = make_dog.keypoints(np.arange(1, 2 * mocap.frames - 1, 2) / 120)
+    assert np.abs(twice.positions[1::2] - between).max() < 2e-3
+    half = mocap.resampled(30.0)
+    np.testing.assert_allclose(half.positions, mocap.positions[::2], atol=1e-4)
+    with pytest.raises(DatasetError, match="resample to 0"):
+        mocap.resampled(0)
+
+
+def test_a_mirror_image_turns_the_other_way_and_keeps_its_names():
+    mocap = load_bvh(DOG_BVH)
+    pairs = [("LeftHand", "RightHand"), ("LeftFoot", "RightFoot")]
+    image = mocap.mirrored(pairs)
+    np.testing.assert_array_equal(
+        image.keypoints(["LeftHand"]), mocap.keypoints(["RightHand"]) * [1, -1, 1]
+    )
+    np.testing.assert_array_equal(image.keypoints(["Head"]), mocap.keypoints(["Head"]) * [1, -1, 1])
+    np.testing.assert_array_equal(image.mirrored(pairs).positions, mocap.positions)

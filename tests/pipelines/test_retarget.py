@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from lacoloco.pipelines import retarget
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retarget import RetargetConfig
 from lacoloco.pipelines.retargeting.retargeter import ground_lift, parse_scale
+from lacoloco.pipelines.retargeting.worker import Worker
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.registry import load_robot
 
@@ -24,12 +26,24 @@ FIGURES = {
     "ground_penetration_max_m",
     "joint_limit_hits",
     "solver_failures",
+    "stance_float_max_m",
+    "joint_jerk_peak",
+    "height_error_mean_m",
+    "torque_share_p95",
 }
+QUICK = RetargetConfig(pictures=False)
 
 
 @pytest.fixture
 def context(tmp_path):
     return StageContext(RunStore(tmp_path / "runs"), "dog", command="lacoloco retarget")
+
+
+@pytest.fixture(scope="module")
+def whole_dog(tmp_path_factory):
+    """The bundled dog, retargeted as by default."""
+    store = RunStore(tmp_path_factory.mktemp("dog") / "runs")
+    return retarget.run(RetargetConfig(), StageContext(store, "dog"))
 
 
 @pytest.fixture
@@ -56,8 +70,8 @@ def short_dog(tmp_path):
         (RetargetConfig(mode="paper"), 0.06),
     ],
 )
-def test_the_bundled_dog_becomes_a_clip(context, config, worst_error):
-    result = retarget.run(config, context)
+def test_the_bundled_dog_becomes_a_clip(context, whole_dog, config, worst_error):
+    result = whole_dog if config == RetargetConfig() else retarget.run(config, context)
     (figures,) = result.metrics["clips"]
     assert set(figures) >= FIGURES
     assert figures["frames"] == 721
@@ -76,8 +90,8 @@ def test_the_bundled_dog_becomes_a_clip(context, config, worst_error):
     assert artifact.metadata["metrics"]["clips"] == [figures]
 
 
-def test_the_robot_goes_where_the_dog_goes_at_its_own_size(context):
-    result = retarget.run(RetargetConfig(), context)
+def test_the_robot_goes_where_the_dog_goes_at_its_own_size(whole_dog):
+    result = whole_dog
     (clip,) = load_clips(result.artifact)
     scale = result.metrics["clips"][0]["scale"]
     hips = load_bvh(DOG_BVH).keypoints(["Hips"])[:, 0]
@@ -90,21 +104,21 @@ def test_the_robot_goes_where_the_dog_goes_at_its_own_size(context):
     assert 0.22 < clip.root_pos[:, 2].mean() < 0.31
 
 
-def test_knees_bend_as_in_the_neutral_pose(context):
-    (clip,) = load_clips(retarget.run(RetargetConfig(), context).artifact)
+def test_knees_bend_as_in_the_neutral_pose(whole_dog):
+    (clip,) = load_clips(whole_dog.artifact)
     knees = clip.joint_pos[:, 2::3]
     assert (knees < -0.1).mean() > 0.99
 
 
-def test_velocities_belong_to_the_poses(context):
-    (clip,) = load_clips(retarget.run(RetargetConfig(), context).artifact)
+def test_velocities_belong_to_the_poses(whole_dog):
+    (clip,) = load_clips(whole_dog.artifact)
     step = np.diff(clip.joint_pos, axis=0) * clip.fps
     between = (clip.joint_vel[1:] + clip.joint_vel[:-1]) / 2
     assert np.corrcoef(step.ravel(), between.ravel())[0, 1] > 0.99
 
 
-def test_an_animal_that_turns_right_makes_a_robot_that_turns_right(context):
-    (clip,) = load_clips(retarget.run(RetargetConfig(), context).artifact)
+def test_an_animal_that_turns_right_makes_a_robot_that_turns_right(whole_dog):
+    (clip,) = load_clips(whole_dog.artifact)
     points = load_bvh(DOG_BVH).keypoints(["Hips", "Neck"])
     forward = points[:, 1] - points[:, 0]
     course = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
@@ -132,9 +146,8 @@ def test_no_foot_is_ever_below_the_ground():
 def test_one_bad_file_is_reported_and_the_rest_is_kept(context, short_dog, tmp_path):
     bad = tmp_path / "bad.bvh"
     bad.write_text("HIERARCHY\nnonsense")
-    result = retarget.run(
-        RetargetConfig(), context, sources=[bad, short_dog(), short_dog(slice(100, 160), "b.bvh")]
-    )
+    files = [bad, short_dog(), short_dog(slice(100, 160), "b.bvh")]
+    result = retarget.run(QUICK, context, sources=files, jobs=1)
     assert [clip.name for clip in load_clips(result.artifact)] == ["short", "b"]
     (skipped,) = result.metrics["skipped"]
     assert skipped["file"] == str(bad)
@@ -193,3 +206,148 @@ def test_thirty_frames_per_second_in_another_channel_order(shared, context):
     (clip,) = load_clips(result.artifact)
     assert clip.fps == pytest.approx(30.0, rel=1e-3)
     assert result.metrics["clips"][0]["solver_failures"] == 0
+
+
+def arrays(result):
+    return read_artifact(result.artifact).arrays
+
+
+def test_each_clip_has_its_picture(context, short_dog):
+    files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
+    one = retarget.run(RetargetConfig(), context, sources=files[:1])
+    assert (one.artifact.parent / "report.png").read_bytes().startswith(b"\x89PNG")
+    two = retarget.run(RetargetConfig(), context, sources=files, jobs=1)
+    pictures = sorted(path.name for path in (two.artifact.parent / "reports").iterdir())
+    assert pictures == ["b.png", "short.png"]
+    assert sorted(path.name for path in two.artifact.parent.iterdir()) == ["artifact.h5", "reports"]
+
+
+def test_only_what_is_missing_is_made(context, short_dog, monkeypatch):
+    files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
+    first = retarget.run(QUICK, context, sources=files[:1])
+    made = []
+    work = Worker.work
+    monkeypatch.setattr(Worker, "work", lambda self, task, *rest: (
+        made.append(task.name), work(self, task, *rest))[1])  # fmt: skip
+    second = retarget.run(QUICK, context, sources=files, jobs=1)
+    assert made == ["b"]
+    assert second.metrics["kept"] == 1
+    assert [clip.name for clip in load_clips(second.artifact)] == ["short", "b"]
+    np.testing.assert_array_equal(arrays(second)["joint_pos"][:60], arrays(first)["joint_pos"])
+    # all is there: nothing is made, and nothing is written
+    third = retarget.run(QUICK, context, sources=files, jobs=1)
+    assert third.artifact == second.artifact
+    assert len(context.store.all("dog", "retarget")) == 2
+    # another config, another motion of the file, or asked for: anew
+    made.clear()
+    retarget.run(replace(QUICK, fps=30.0), context, sources=files[:1])
+    short_dog(slice(20, 80))
+    retarget.run(QUICK, context, sources=files[:1])
+    retarget.run(QUICK, context, sources=files[:1], again=True)
+    assert made == ["short"] * 3
+
+
+def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatch):
+    files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
+    work = Worker.work
+
+    def interrupted(self, task, *rest):
+        if task.name == "b":
+            raise KeyboardInterrupt
+        return work(self, task, *rest)
+
+    monkeypatch.setattr(Worker, "work", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        retarget.run(QUICK, context, sources=files, jobs=1)
+    assert context.store.partials("dog", "retarget")
+    monkeypatch.setattr(Worker, "work", work)
+    result = retarget.run(QUICK, replace(context, resume=True), sources=files, jobs=1)
+    assert result.metrics["kept"] == 1
+    assert not context.store.partials("dog", "retarget")
+    assert [clip.name for clip in load_clips(result.artifact)] == ["short", "b"]
+
+
+@pytest.mark.slow
+def test_several_processes_make_the_same_and_report_what_is_bad(context, short_dog, tmp_path):
+    bad = tmp_path / "bad.bvh"
+    bad.write_text("HIERARCHY")
+    files = [short_dog(), bad, short_dog(slice(100, 160), "b.bvh")]
+    alone = retarget.run(QUICK, context, sources=files, jobs=1)
+    spread = retarget.run(QUICK, replace(context, run="spread"), sources=files, jobs=2)
+    assert [clip.name for clip in load_clips(spread.artifact)] == ["short", "b"]
+    assert spread.metrics["skipped"] == alone.metrics["skipped"]
+    np.testing.assert_array_equal(arrays(spread)["joint_pos"], arrays(alone)["joint_pos"])
+
+
+def test_a_selection_takes_parts_of_files_and_tells_what_is_absent(context, short_dog, tmp_path):
+    short_dog()
+    selection = tmp_path / "mine.toml"
+    selection.write_text("[clips]\nshort = [10, 50]\ngone = []\n")
+    config = replace(QUICK, select=str(selection))
+    result = retarget.run(config, context, sources=[tmp_path])
+    (figures,) = result.metrics["clips"]
+    assert figures["frames"] == 40
+    assert result.metrics["absent"] == ["gone"]
+    selection.write_text("[clips]\ngone = []\n")
+    with pytest.raises(StageError, match="none of its 1 recordings"):
+        retarget.run(config, context, sources=[tmp_path])
+
+
+def test_part_rate_and_mirror_image(context, short_dog):
+    path = short_dog(slice(0, 120))
+    plain = retarget.run(replace(QUICK, trim="0.5s:1.5s", fps=30.0), context, sources=[path])
+    config = replace(QUICK, trim="0.5s:1.5s", fps=30.0, mirror=True)
+    image = retarget.run(config, context, sources=[path])
+    (straight,), (mirrored,) = load_clips(plain.artifact), load_clips(image.artifact)
+    assert (straight.frames, straight.fps) == (30, 30.0)
+    np.testing.assert_array_equal(mirrored.contacts[:, [1, 0, 3, 2]], straight.contacts)
+    np.testing.assert_allclose(
+        mirrored.root_pos * [1, -1, 1], straight.root_pos, atol=2e-3
+    )
+    left, right = mirrored.joint_pos[:, [0, 1, 2]], straight.joint_pos[:, [3, 4, 5]]
+    np.testing.assert_allclose(left * [-1, 1, 1], right, atol=0.02)
+
+
+def test_another_skeleton_needs_a_map_and_then_gives_the_same(context, short_dog, tmp_path):
+    path = short_dog()
+    plain = retarget.run(QUICK, context, sources=[path])
+    other = tmp_path / "other.bvh"
+    other.write_text(path.read_text().replace("Hand", "Wrist").replace("UpLeg", "Thigh"))
+    with pytest.raises(DatasetError, match="'mann-dog', needs LeftHand, RightHand, LeftUpLeg"):
+        retarget.run(QUICK, context, sources=[other])
+    text = (Path(retarget.__file__).parent / "retargeting/maps/mann-dog.toml").read_text()
+    own = tmp_path / "own.toml"
+    own.write_text(text.replace("Hand", "Wrist").replace("UpLeg", "Thigh"))
+    result = retarget.run(replace(QUICK, map=str(own)), context, sources=[other])
+    np.testing.assert_array_equal(arrays(result)["joint_pos"], arrays(plain)["joint_pos"])
+    own.write_text(own.read_text().replace('scale = "limbs"', "scale = 0.6"))
+    result = retarget.run(replace(QUICK, map=str(own)), context, sources=[other])
+    assert result.metrics["clips"][0]["scale"] == 0.6
+
+
+def test_warnings_are_kept_with_the_clip(context, short_dog):
+    path = short_dog()
+    text = path.read_text().replace("Left", "@").replace("Right", "Left").replace("@", "Right")
+    path.write_text(text)
+    result = retarget.run(replace(QUICK, mode="paper"), context, sources=[path])
+    (warning,) = result.metrics["clips"][0]["warnings"]
+    assert "left and right" in warning
+    mended = retarget.run(replace(QUICK, mode="paper", swap_sides=True), context, sources=[path])
+    assert mended.metrics["clips"][0]["warnings"] == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"trim": "5"}, "--trim 5"),
+        ({"fps": -1.0}, "--fps"),
+        ({"unit": -1.0}, "--unit"),
+        ({"up_axis": "w"}, "--up-axis w"),
+        ({"select": "paper-dogs", "trim": "0:5"}, "--trim: a selection"),
+        ({"map": "gone.toml"}, "gone.toml"),
+    ],
+)
+def test_impossible_options_are_refused_before_the_work(context, change, words):
+    with pytest.raises(StageError, match=words):
+        retarget.run(replace(QUICK, **change), context)
+    assert not context.store.partials("dog", "retarget")

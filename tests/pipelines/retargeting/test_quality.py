@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from lacoloco.pipelines.retargeting.quality import foot_quality, joint_quality, keypoint_errors
+from lacoloco.pipelines.retargeting.quality import (
+    course_quality,
+    effort_quality,
+    foot_quality,
+    joint_quality,
+    keypoint_errors,
+)
 
 RADIUS, FPS = 0.02, 50.0
 
@@ -71,3 +77,24 @@ def test_joints_at_their_limits_are_counted():
 def test_two_frames_have_no_jerk():
     bounds = (np.full(1, -1.0), np.full(1, 1.0))
     assert joint_quality(np.zeros((2, 1)), bounds, np.ones(1), FPS)["joint_jerk_peak"] == 0.0
+
+
+def test_the_course_of_the_robot_is_compared_with_the_animals():
+    time = np.arange(100) / FPS
+    animal = np.stack([0.5 * time, 0 * time, 0.3 + 0 * time], axis=1)
+    robot = np.stack([0.4 * time, 0 * time, 0.28 + 0 * time], axis=1)
+    figures = course_quality(robot, animal, FPS)
+    assert figures["base_speed_mean_m_s"] == pytest.approx(0.4)
+    assert figures["speed_error_mean_m_s"] == pytest.approx(0.1)
+    assert figures["height_error_mean_m"] == pytest.approx(0.02)
+    assert figures["animal_height_mean_m"] == pytest.approx(0.3)
+
+
+def test_torques_beyond_the_motors_are_counted():
+    share = np.full((10, 4), 0.2)
+    share[3, 1] = 1.5
+    figures = effort_quality(share, np.linspace(0, 1, 10))
+    assert figures["torque_limit_hits"] == 1
+    assert figures["torque_share_peak"] == 1.5
+    assert figures["torque_share_p95"] == pytest.approx(0.2)
+    assert figures["missing_force_mean"] == pytest.approx(0.5)

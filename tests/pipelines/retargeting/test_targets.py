@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -111,9 +113,23 @@ def test_a_tall_animal_does_not_stretch_the_robot(dog):
 
 
 def test_a_limb_is_as_long_as_its_bones(dog):
-    chain = dog.keypoints(["LeftUpLeg", "LeftLeg", "LeftFoot", "LeftFoot_end"])[0]
-    bones = np.linalg.norm(np.diff(chain, axis=0), axis=1)
-    assert limb_length(dog, "LeftUpLeg", "LeftFoot_end") == pytest.approx(bones.sum(), abs=1e-6)
+    limb = MAP.limbs(dog)[2]
+    assert limb == ("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftFoot_end")
+    bones = np.linalg.norm(np.diff(dog.keypoints(limb)[0], axis=0), axis=1)
+    assert limb_length(dog, limb) == pytest.approx(bones.sum(), abs=1e-6)
+
+
+def test_a_foot_that_is_not_below_its_hip_is_a_mistake_of_the_map(dog):
+    wrong = replace(MAP, hips=("RightShoulder", *MAP.hips[1:]))
+    with pytest.raises(DatasetError, match="'LeftHand_end' is not below 'RightShoulder'"):
+        wrong.limbs(dog)
+
+
+def test_by_height_limbs_do_not_count(dog):
+    tall = natural_scale(dog, MAP, LEGS, RADIUS, "height")
+    paws = dog.keypoints(MAP.limb_ends(dog))[..., 2].min()
+    hips = np.percentile(dog.keypoints(MAP.hips)[..., 2].mean(1), 90) - paws
+    assert tall * hips == pytest.approx(0.9 * (LEGS.reach + RADIUS), rel=0.02)
 
 
 def test_without_ends_of_limbs_the_joints_are_taken(dog):

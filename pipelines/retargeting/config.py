@@ -1,0 +1,104 @@
+"""How recordings are retargeted, and which of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from lacoloco.datasets.mocap import UpAxis
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.retargeting.clip_problem import ClipWeights
+from lacoloco.pipelines.retargeting.reading import Reading
+from lacoloco.pipelines.retargeting.skeleton_maps import SkeletonMap, load_map, shipped_maps
+from lacoloco.pipelines.retargeting.trim import check_trim
+
+Mode = Literal["paper", "clip"]
+
+
+@dataclass(frozen=True)
+class RetargetConfig:
+    """How recordings are retargeted, and which part of them.
+
+    Attributes:
+        mode: "clip" solves all frames together, feet planted where the paws stand; "paper" solves
+            the paper's program frame by frame and sets the result on the ground.
+        scale: "auto" fits the animal to the robot, a number does so with this factor, "none" leaves
+            it in its own size (paper); empty: what suits the mode.
+        posture_weight: alpha of the paper, m^2/rad^2; for mode "paper".
+        clip: Weights of mode "clip".
+        map: File with a map from joints to frames of the robot; empty: the one that comes with
+            lacoloco and fits the joints of the file.
+        up_axis: Axis of the files that points up; empty: the map's.
+        unit: Metres per unit of the files; 0: the map's.
+        trim: Which part of each file, `START:END` in frames or, with s, in seconds.
+        select: Name or file of a selection, which says which files are used and which part of each.
+        fps: Frames per second of the clips; 0: those of each file.
+        mirror: Retarget the mirror image.
+        swap_sides: Left and right are exchanged in the files.
+        skill: Skill of the clips.
+        licence: Licence of the files; that of the bundled sample is known.
+        pictures: Draw a report of each clip beside the artifact.
+    """
+
+    mode: Mode = "clip"
+    scale: str = ""
+    posture_weight: float = 0.005
+    clip: ClipWeights = field(default_factory=ClipWeights)
+    map: str = ""
+    up_axis: Literal["", "x", "y", "z", "-x", "-y", "-z"] = ""
+    unit: float = 0.0
+    trim: str = ""
+    select: str = ""
+    fps: float = 0.0
+    mirror: bool = False
+    swap_sides: bool = False
+    skill: str = "dog"
+    licence: str = ""
+    pictures: bool = True
+
+    def check(self) -> None:
+        """Refuse what no file could be read with.
+
+        Raises:
+            StageError: The message names the option.
+        """
+        check_trim(self.trim)
+        if self.trim and self.select:
+            raise StageError("--trim: a selection has trims of its own; leave one of the two out")
+        if not 0 <= self.fps < float("inf"):
+            raise StageError(f"--fps {self.fps}: give frames per second, or 0 for the file's")
+        if not 0 <= self.unit < float("inf"):
+            raise StageError(f"--unit {self.unit}: give the metres per unit of the files, e.g. 0.01")
+        self.reading(shipped_maps()[0])
+
+    def reading(self, skeleton: SkeletonMap, trim: str = "") -> Reading:
+        """How a file with this skeleton is read, but for the pairs of its limbs.
+
+        Raises:
+            StageError: Unknown axis.
+        """
+        axes = ("x", "y", "z", "-x", "-y", "-z")
+        if self.up_axis and self.up_axis not in axes:
+            raise StageError(f"--up-axis {self.up_axis}: use one of {', '.join(axes)}")
+        up_axis: UpAxis = self.up_axis or skeleton.up_axis
+        return Reading(
+            up_axis=up_axis,
+            unit=self.unit or skeleton.unit,
+            trim=self.trim or trim,
+            fps=self.fps,
+            mirror=self.mirror,
+            swap_sides=self.swap_sides,
+        )
+
+    def maps(self) -> tuple[SkeletonMap, ...]:
+        """The maps to choose from.
+
+        Raises:
+            StageError: The file named in `map` is none.
+        """
+        return (load_map(Path(self.map)),) if self.map else shipped_maps()
+
+    def key(self) -> RetargetConfig:
+        """What of it changes a clip, once its part of the file and the maps are known."""
+        return replace(self, trim="", select="", map="")

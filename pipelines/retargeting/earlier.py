@@ -1,0 +1,74 @@
+"""Clips that were made before and need not be made again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Set
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lacoloco.datasets.artifact import read_artifact, read_header
+from lacoloco.datasets.clip import SCHEMA, Clip, clips_of
+from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines.retargeting.worker import picture_path
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One clip as it was written, with its figures and, where there is one, its picture."""
+
+    clip: Clip
+    figures: dict[str, Any]
+    picture: Path | None
+
+    @property
+    def key(self) -> str:
+        """See `Worker.key`."""
+        return self.figures["key"]
+
+
+def earlier_pieces(store: RunStore, run: str, stage: str, keys: Set[str]) -> dict[str, Piece]:
+    """Clips with these keys in complete versions of a stage and in what killed ones left."""
+    found: dict[str, Piece] = {}
+    for path in _candidates(store, run, stage):
+        try:
+            if keys & set(clip_keys(path)) - set(found):
+                found |= {p.key: p for p in pieces_in(path) if p.key in keys - set(found)}
+        except (ArtifactError, KeyError, TypeError):
+            continue  # damaged, or by another lacoloco: made again
+    return found
+
+
+def clip_keys(path: Path) -> list[str]:
+    """Keys of the clips in an artifact; empty where they have none.
+
+    Raises:
+        ArtifactError: It cannot be read.
+    """
+    rows = read_header(path).metadata.get("metrics", {}).get("clips", [])
+    return [row.get("key", "") for row in rows]
+
+
+def pieces_in(path: Path) -> Iterator[Piece]:
+    """The clips of an artifact, read and verified.
+
+    Raises:
+        ArtifactError: It is damaged.
+    """
+    artifact = read_artifact(path, SCHEMA)
+    rows = artifact.metadata["metrics"]["clips"]
+    for clip, figures in zip(clips_of(artifact), rows, strict=True):
+        folder = path.parent.parent if path.parent.name == "pieces" else path.parent
+        pictures = [picture_path(folder, clip.name)]
+        if len(rows) == 1:
+            pictures.append(folder / "report.png")
+        picture = next((picture for picture in pictures if picture.is_file()), None)
+        yield Piece(clip, figures, picture)
+
+
+def _candidates(store: RunStore, run: str, stage: str) -> Iterator[Path]:
+    """Newest first."""
+    for left in reversed(store.partials(run, stage)):
+        yield from sorted((left.path / "pieces").glob("*.h5"))
+    yield from reversed(store.all(run, stage))

@@ -1,0 +1,155 @@
+"""Which joints of a recording belong to which frames of a robot: data, one TOML file per skeleton."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, get_args
+
+from lacoloco.datasets.errors import DatasetError
+from lacoloco.datasets.mocap import UpAxis
+from lacoloco.pipelines.errors import StageError
+
+FOLDER = Path(__file__).parent / "maps"
+RULES = ("limbs", "height")
+"""Scale rules that are words; a factor is one, too."""
+
+
+@dataclass(frozen=True)
+class SkeletonMap:
+    """From one kind of skeleton to one robot."""
+
+    name: str
+    about: str
+    robot: str
+    up_axis: UpAxis
+    """Axis of the files that points up."""
+    unit: float
+    """Metres per unit of the files."""
+    scale: str
+    """"limbs", "height" (see `targets.natural_scale`) or a factor."""
+    keypoints: Mapping[str, str]
+    """Joint -> frame of the robot."""
+    contacts: Mapping[str, tuple[str, ...]]
+    """Foot of the robot -> nodes that touch the ground, the first that a file has."""
+
+    def missing(self, joints: Sequence[str]) -> list[str]:
+        """Joints that the map needs and a skeleton lacks."""
+        return [joint for joint in self.keypoints if joint not in joints]
+
+
+def load_map(path: Path) -> SkeletonMap:
+    """Read a map.
+
+    Raises:
+        StageError: Missing, not TOML, or a key that is wrong; the message names file and key.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StageError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise StageError(f"{path}: not TOML: {error}") from error
+    return map_of(table, path.stem, str(path))
+
+
+def map_of(table: Mapping[str, Any], name: str, where: str) -> SkeletonMap:
+    """A map from the table of its file.
+
+    Raises:
+        StageError: See `load_map`.
+    """
+
+    def take(key: str, kind: type | tuple[type, ...], default: Any = None) -> Any:
+        value = table.get(key, default)
+        if not isinstance(value, kind):
+            raise StageError(f"{where}: '{key}' is missing or wrong; see maps/mann-dog.toml")
+        return value
+
+    known = {"about", "robot", "up_axis", "unit", "scale", "keypoints", "contacts"}
+    if unknown := sorted(set(table) - known):
+        raise StageError(f"{where}: unknown key '{unknown[0]}'; use {', '.join(sorted(known))}")
+    up_axis, scale = take("up_axis", str, "y"), str(take("scale", (str, int, float), "limbs"))
+    if up_axis not in get_args(UpAxis):
+        raise StageError(f"{where}: up_axis '{up_axis}'; use one of {', '.join(get_args(UpAxis))}")
+    if scale not in RULES and not _positive(scale):
+        raise StageError(f"{where}: scale '{scale}'; use {', '.join(RULES)} or a positive factor")
+    keypoints, contacts = take("keypoints", dict), take("contacts", dict)
+    if not all(isinstance(frame, str) for frame in keypoints.values()):
+        raise StageError(f"{where}: [keypoints] maps joints of the file to frames of the robot")
+    if len(set(keypoints.values())) < len(keypoints):
+        raise StageError(f"{where}: [keypoints] names a frame of the robot twice")
+    feet = {foot: (nodes,) if isinstance(nodes, str) else nodes for foot, nodes in contacts.items()}
+    if not all(nodes and all(isinstance(node, str) for node in nodes) for nodes in feet.values()):
+        raise StageError(f"{where}: [contacts] gives each foot of the robot nodes of the file")
+    return SkeletonMap(
+        name=name,
+        about=take("about", str, ""),
+        robot=take("robot", str),
+        up_axis=up_axis,
+        unit=float(take("unit", (int, float), 0.01)),
+        scale=scale,
+        keypoints=keypoints,
+        contacts={foot: tuple(nodes) for foot, nodes in feet.items()},
+    )
+
+
+@lru_cache(maxsize=1)
+def shipped_maps() -> tuple[SkeletonMap, ...]:
+    """The maps that come with lacoloco, by name."""
+    return tuple(load_map(file) for file in sorted(FOLDER.glob("*.toml")))
+
+
+def choose_map(
+    maps: Sequence[SkeletonMap], robot: str, joints: Sequence[str], file: str
+) -> SkeletonMap:
+    """The map that fits the joints of a file: of several, the one that uses most of them.
+
+    Args:
+        maps: To choose from.
+        robot: Name of the robot.
+        joints: Nodes of the file.
+        file: What to call it in an error.
+
+    Raises:
+        StageError: No map leads to this robot.
+        DatasetError: No map fits; the message names the nearest and what it misses.
+    """
+    maps = [candidate for candidate in maps if candidate.robot == robot]
+    if not maps:
+        raise StageError(
+            f"robot '{robot}': no map gives it keypoints; write one and name it with --map"
+        )
+    fitting = [candidate for candidate in maps if not candidate.missing(joints)]
+    if fitting:
+        return max(fitting, key=lambda candidate: len(candidate.keypoints))
+    nearest = max(maps, key=lambda candidate: _likeness(candidate, joints))
+    raise DatasetError(
+        f"{file}: its joints fit no map; the nearest, '{nearest.name}', needs"
+        f" {', '.join(nearest.missing(joints))}, and the file has {', '.join(joints)};"
+        " write a map of its joints and name it with --map"
+    )
+
+
+def _likeness(candidate: SkeletonMap, joints: Sequence[str]) -> float:
+    """Share of the map's joints that the file has, a similar name counting in part."""
+
+    def nearest(joint: str) -> float:
+        return max(
+            (SequenceMatcher(None, joint.lower(), other.lower()).ratio() for other in joints),
+            default=0.0,
+        )
+
+    return sum(nearest(joint) for joint in candidate.keypoints) / len(candidate.keypoints)
+
+
+def _positive(text: str) -> bool:
+    try:
+        return 0.0 < float(text) < float("inf")
+    except ValueError:
+        return False

@@ -1,0 +1,58 @@
+"""Which part of a recording is used: `START:END` in frames of the file, or in seconds."""
+
+from __future__ import annotations
+
+import re
+
+from lacoloco.datasets.errors import DatasetError
+from lacoloco.datasets.mocap import Mocap
+from lacoloco.pipelines.errors import StageError
+
+_SIDE = r"(\d+(?:\.\d+)?s|\d+)?"
+_FORM = re.compile(f"{_SIDE}:{_SIDE}")
+
+
+def check_trim(text: str) -> None:
+    """Refuse what is no trim.
+
+    Raises:
+        StageError: Neither empty nor START:END.
+    """
+    if text and not _FORM.fullmatch(text):
+        raise StageError(
+            f"--trim {text}: use START:END, in frames (120:600) or in seconds (2s:10s); either may"
+            " be left out"
+        )
+
+
+def trimmed(mocap: Mocap, text: str) -> Mocap:
+    """The part of a recording that a trim means.
+
+    Whole numbers are frames of the file, numbers that end in s are seconds from its start; the
+    first frame is part of it, the last is not; an end beyond the recording is its end.
+
+    Args:
+        mocap: At the rate of its file.
+        text: See above; "" for all of it.
+
+    Raises:
+        StageError: It is no trim.
+        DatasetError: Nothing is left.
+    """
+    check_trim(text)
+    if not text:
+        return mocap
+    start, stop = (_frame(side, mocap.fps) for side in text.split(":"))
+    start, stop = start or 0, min(mocap.frames if stop is None else stop, mocap.frames)
+    if start >= stop:
+        raise DatasetError(
+            f"{mocap.name}: nothing is left of {mocap.frames} frames"
+            f" ({mocap.frames / mocap.fps:.2f} s) by trim {text}"
+        )
+    return mocap.slice(start, stop)
+
+
+def _frame(text: str, fps: float) -> int | None:
+    if not text:
+        return None
+    return round(float(text[:-1]) * fps) if text.endswith("s") else int(text)

@@ -1,0 +1,152 @@
+"""One file from beginning to end: read, checked, retargeted, drawn, written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from lacoloco.datasets.clip import save_clips
+from lacoloco.datasets.hashing import hash_file
+from lacoloco.datasets.mocap import Mocap, read_bvh
+from lacoloco.datasets.provenance import git_commit, lacoloco_version
+from lacoloco.datasets.samples import DOG_BVH
+from lacoloco.pipelines.retargeting.body_map import side_partners
+from lacoloco.pipelines.retargeting.config import RetargetConfig
+from lacoloco.pipelines.retargeting.plausibility import check_recording
+from lacoloco.pipelines.retargeting.reading import Reading, limb_pairs
+from lacoloco.pipelines.retargeting.report import write_report
+from lacoloco.pipelines.retargeting.retargeter import Retargeter
+from lacoloco.pipelines.retargeting.skeleton_maps import choose_map
+from lacoloco.robots.registry import load_robot
+
+SAMPLE_LICENCE = "BSD-3-Clause"
+
+
+@dataclass(frozen=True)
+class Task:
+    """A file, the name of its clip, and which part of it."""
+
+    path: Path
+    name: str
+    trim: str = ""
+
+
+class Worker:
+    """Turns files into clips, one after another; derives each robot's programs once."""
+
+    def __init__(self, config: RetargetConfig, robot: str) -> None:
+        """Read the maps.
+
+        Raises:
+            RobotError: Unknown robot.
+            StageError: The config's map is none.
+        """
+        self._config, self._spec, self._maps = config, load_robot(robot), config.maps()
+        self._retargeters: dict[str, Retargeter] = {}
+
+    def key(self, task: Task) -> str:
+        """What a clip depends on, as 64 hexadecimal digits: equal keys, equal clips.
+
+        Raises:
+            DatasetError: The file cannot be read.
+        """
+        depends = {
+            "file": hash_file(task.path),
+            "name": task.name,
+            "trim": self._config.trim or task.trim,
+            "config": asdict(self._config.key()),
+            "maps": [asdict(skeleton) for skeleton in self._maps],
+            "robot": (self._spec.name, self._spec.model_hash()),
+            "program": (lacoloco_version(), git_commit()),
+        }
+        return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
+
+    def read(self, task: Task) -> tuple[Mocap, Reading, Retargeter, list[str]]:
+        """The motion in a file, how it was read, what retargets it, and warnings.
+
+        Raises:
+            DatasetError: It cannot be read, fits no map, or is no motion of an animal on its legs.
+        """
+        raw = read_bvh(task.path)
+        skeleton = choose_map(self._maps, self._spec.name, raw.joint_names, str(task.path))
+        if skeleton.name not in self._retargeters:
+            options = self._config
+            self._retargeters[skeleton.name] = Retargeter(
+                *(self._spec, options.mode, options.scale, options.posture_weight, options.clip),
+                skeleton,
+            )
+        retargeter = self._retargeters[skeleton.name]
+        pairs = limb_pairs(retargeter.map.limbs(raw), side_partners(retargeter.legs))
+        reading = replace(self._config.reading(skeleton, task.trim), pairs=pairs)
+        mocap = reading.apply(raw)
+        warnings = check_recording(
+            mocap, retargeter.map, retargeter.legs, reading, str(task.path)
+        )
+        return mocap, reading, retargeter, warnings
+
+    def work(
+        self, task: Task, folder: Path, on_start: Callable[[int], Callable[[int], None]]
+    ) -> dict[str, Any]:
+        """Retarget a file; write its clip to `folder` and its picture.
+
+        Args:
+            task: The file.
+            folder: Of the version; the clip goes to `piece_path`, the picture to `picture_path`.
+            on_start: Told the number of frames; what it gives is told how many are done.
+
+        Returns:
+            Figures of the clip.
+
+        Raises:
+            DatasetError: See `read`.
+            StageError: No frame could be solved.
+        """
+        key = self.key(task)
+        mocap, reading, retargeter, warnings = self.read(task)
+        known = SAMPLE_LICENCE if task.path.resolve() == DOG_BVH.resolve() else "unknown"
+        result = retargeter.clip(
+            mocap,
+            task.name,
+            on_frame=on_start(mocap.frames),
+            say=warnings.append,
+            skill=self._config.skill,
+            source=task.path.name,
+            licence=self._config.licence or known,
+        )
+        figures = {
+            **result.figures(),
+            "times_real_time": result.clip.duration / max(result.seconds, 1e-9),
+            "warnings": warnings,
+            "key": key,
+            "reading": asdict(reading),
+            "paws": list(retargeter.map.limb_ends(mocap)),
+        }
+        if self._config.pictures:
+            picture = picture_path(folder, task.name)
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            write_report(picture, result.assessment, figures)
+        piece = piece_path(folder, key)
+        piece.parent.mkdir(exist_ok=True)
+        save_clips(
+            piece,
+            [result.clip],
+            robot=(self._spec.name, self._spec.model_hash()),
+            config=asdict(self._config),
+            parents=[task.path],
+            metadata={"metrics": {"clips": [figures]}},
+        )
+        return figures
+
+
+def piece_path(folder: Path, key: str) -> Path:
+    """Where the clip of a file lies until all are there."""
+    return folder / "pieces" / f"{key[:16]}.h5"
+
+
+def picture_path(folder: Path, name: str) -> Path:
+    """Where the report of a clip lies when there are several."""
+    return folder / "reports" / f"{name}.png"
