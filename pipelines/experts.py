@@ -40,7 +40,11 @@ class ExpertConfig:
     reward_scale: float = 3.0
     ramp: tuple[float, float] = (0.05, 0.6)
     std: tuple[float, float] = (0.5, 0.15)
-    ppo: PpoConfig = field(default_factory=lambda: PpoConfig(horizon=24, learning_rate=2e-4, max_learning_rate=3e-3, desired_kl=0.02))
+    ppo: PpoConfig = field(
+        default_factory=lambda: PpoConfig(
+            horizon=24, learning_rate=2e-4, max_learning_rate=3e-3, desired_kl=0.02, kl_decay=0.2
+        )
+    )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
 
 
@@ -100,6 +104,7 @@ class ExpertTrainer:
         strength = ramp(progress, *self.config.ramp)
         std = geometric(self.config.std, progress)
         set_std(algorithm.actor, std)
+        algorithm.set_progress(progress)
         tally = Tally()
         obs = self._observe()
         for _ in range(self.config.ppo.horizon):

@@ -42,6 +42,8 @@ class GenerateConfig:
     Attributes:
         walk_clips: number of walking clips (paper: 120).
         reach_clips: number of reaching clips (paper: 20).
+        reach_weight: how often a moment of reaching is sampled for one of walking. By duration alone one latent in seven
+            would be left for reaching; at 4 it is two in five.
         seconds: length of a clip.
         lead_in: seconds performed before the recording starts, so that no clip begins with a transient.
     """
@@ -50,6 +52,7 @@ class GenerateConfig:
     reach: ExpertConfig = field(default_factory=reach_expert)
     walk_clips: int = 120
     reach_clips: int = 20
+    reach_weight: float = 4.0
     seconds: float = 10.0
     lead_in: float = 1.0
 
@@ -184,7 +187,8 @@ def record(
         f"{skill}_falls": float((~upright).sum()),
         f"{skill}_worlds": float(env.num_worlds),
     }
-    return [_clip(spec, skill, index, rows, int(world)) for index, world in enumerate(kept[:count])], figures
+    weight = config.reach_weight if skill == "reach" else 1.0
+    return [_clip(spec, skill, weight, index, rows, int(world)) for index, world in enumerate(kept[:count])], figures
 
 
 def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
@@ -193,7 +197,7 @@ def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
     return torch.linalg.vector_norm(reached - command[:, : reached.shape[1]], dim=-1)
 
 
-def _clip(spec: RobotSpec, skill: str, index: int, rows: list, world: int) -> Clip:
+def _clip(spec: RobotSpec, skill: str, weight: float, index: int, rows: list, world: int) -> Clip:
     def series(pick: Callable) -> torch.Tensor:
         return torch.stack([pick(qpos, state)[world] for qpos, state in rows]).cpu().numpy()
 
@@ -208,6 +212,7 @@ def _clip(spec: RobotSpec, skill: str, index: int, rows: list, world: int) -> Cl
         joint_pos=series(lambda qpos, _: qpos[:, 7:]),
         joint_vel=series(lambda _, state: state.joint_vel),
         skill=skill,
+        weight=weight,
         source=f"lacoloco generate: {skill} expert",
         licence=LICENCE,
     )
