@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +13,7 @@ import typer
 
 from lacoloco_cli.console import note
 from lacoloco_cli.failures import UserError
+from lacoloco_cli.policies import best
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import check_writable, copy_to
 
@@ -40,10 +42,33 @@ def play(
         Path | None,
         typer.Option("--html", metavar="FILE", help="Write the page there; open no browser."),
     ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            "--figure",
+            metavar="FILE",
+            help="Instead of a page, a picture: how a high-level policy switches skills in one"
+            " episode, and in how many of 256 it walks first and reaches last.",
+        ),
+    ] = None,
+    motions: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--motions",
+            help="With --figure: motions to compare with; default: those of the policy.",
+        ),
+    ] = None,
 ) -> None:
     """Watch a motion or a policy in the browser, or write it as one HTML file."""
     from lacoloco.pipelines import playback as stage
 
+    if figure is not None:
+        if html is not None or clip:
+            raise UserError("--figure: is drawn instead of a page; leave out --html and --clip")
+        draw_figure(session, source, figure, motions or [])
+        return
+    if motions:
+        raise UserError("--motions: belongs to --figure; to watch motions, name them alone")
     config = session.config(stage.PRESETS)
     source = source or newest(session)
     if html is not None:
@@ -57,6 +82,27 @@ def play(
     session.answer(payload, lambda: typer.echo(payload["html"]))
     if html is None and not session.as_json:
         show(page)
+
+
+def draw_figure(
+    session: Session, policy: Path | None, figure: Path, motions: Sequence[Path]
+) -> None:
+    """Draw how a policy switches skills, and count the episodes in which it does."""
+    from lacoloco.pipelines import switching as stage
+
+    config = session.config(stage.PRESETS)
+    policy = policy or best(session)
+    check_writable("--figure", figure)
+    result = stage.run(config, session.context(), policy=policy, motions=motions)
+    copy_to("--figure", Path(result.metrics["picture"]), figure)
+    answer = {"artifact": path_text(result.artifact), **result.metrics, "picture": str(figure)}
+
+    def show() -> None:
+        share, count = answer["walk_first_reach_last"], answer["episodes"]
+        typer.echo(f"{share:.1%} of {count} episodes walk first and reach last")
+        typer.echo(answer["picture"])
+
+    session.answer(answer, show)
 
 
 def newest(session: Session) -> Path:

@@ -12,7 +12,7 @@ import torch
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import evaluate, export, generate, rollout, train_high, train_low
+from lacoloco.pipelines import evaluate, export, generate, rollout, switching, train_high, train_low
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import load_policies
@@ -312,3 +312,24 @@ def test_a_rollout_is_recorded_step_by_step(chain):
     assert np.array_equal(
         recorded.latent.reshape(15, 2, 7).swapaxes(0, 1), recorded.steering
     )
+
+
+def test_switching_compares_with_the_motions_the_policy_was_made_of(chain, tmp_path):
+    config = switching.SwitchingConfig(episodes=2, seconds=1.0)
+    result = switching.run(config, chain.context, policy=chain.high.artifact)
+    assert 0.0 <= result.metrics["walk_first_reach_last"] <= 1.0
+    artifact = read_artifact(result.artifact, "lacoloco/switching")
+    parents = [parent.locate(result.artifact) for parent in artifact.parents]
+    assert parents == [chain.high.artifact, chain.made.artifact]
+    assert artifact.arrays["nearest"].shape == artifact.arrays["error"].shape == (2, 50)
+    assert artifact.arrays["latent"].shape == (50, 7)
+    assert result.artifact.with_name("switching.png").read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(StageError, match="episodes 0 to 1"):
+        switching.run(replace(config, shown=2), chain.context, policy=chain.high.artifact)
+
+
+def test_switching_needs_motions_that_are_still_there(chain, tmp_path):
+    alone = tmp_path / "policy.h5"
+    alone.write_bytes(chain.high.artifact.read_bytes())
+    with pytest.raises(StageError, match=r"policy.h5.*--motions"):
+        switching.motions_of(alone)
