@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +20,7 @@ from lacoloco_cli.written_files import check_writable, copy_to
 
 app = typer.Typer()
 
-PLAYABLE = ("train-high", "retarget", "generate")
+PLAYABLE = ("train-high", "train-low", "retarget", "generate")
 """Stages whose newest artifact is played when none is named; the first that has one."""
 
 
@@ -30,8 +31,8 @@ def play(
         Path | None,
         typer.Argument(
             metavar="[ARTIFACT]",
-            help="Motions, a high-level policy or an earlier playback; default: the run's policy,"
-            " else its motions.",
+            help="Motions, a policy, an earlier playback, or the name of a published one; default:"
+            " the run's policy, else its motions.",
         ),
     ] = None,
     clip: Annotated[
@@ -41,6 +42,15 @@ def play(
     html: Annotated[
         Path | None,
         typer.Option("--html", metavar="FILE", help="Write the page there; open no browser."),
+    ] = None,
+    latents: Annotated[
+        str | None,
+        typer.Option(
+            "--latents",
+            metavar="random|SEED",
+            help="Only the low level: with latents that change at random, or with fixed ones drawn"
+            " from a seed, one per episode (what a low level alone does by default).",
+        ),
     ] = None,
     figure: Annotated[
         Path | None,
@@ -60,17 +70,19 @@ def play(
     ] = None,
 ) -> None:
     """Watch a motion or a policy in the browser, or write it as one HTML file."""
+    from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import playback as stage
 
     if figure is not None:
-        if html is not None or clip:
-            raise UserError("--figure: is drawn instead of a page; leave out --html and --clip")
+        if html is not None or clip or latents:
+            raise UserError("--figure: is no page; leave out --html, --clip and --latents")
         draw_figure(session, source, figure, motions or [])
         return
     if motions:
         raise UserError("--motions: belongs to --figure; to watch motions, name them alone")
     config = session.config(stage.PRESETS)
-    source = source or newest(session)
+    config = replace(config, latents=latents_of(latents))
+    source = resolve(source) if source else newest(session)
     if html is not None:
         check_writable("--html", html)
     result = stage.run(config, session.context(), source=source, names=clip or ())
@@ -88,12 +100,13 @@ def draw_figure(
     session: Session, policy: Path | None, figure: Path, motions: Sequence[Path]
 ) -> None:
     """Draw how a policy switches skills, and count the episodes in which it does."""
+    from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import switching as stage
 
     config = session.config(stage.PRESETS)
-    policy = policy or best(session)
+    policy = resolve(policy) if policy else best(session)
     check_writable("--figure", figure)
-    result = stage.run(config, session.context(), policy=policy, motions=motions)
+    result = stage.run(config, session.context(), policy=policy, motions=[resolve(one) for one in motions])
     copy_to("--figure", Path(result.metrics["picture"]), figure)
     answer = {"artifact": path_text(result.artifact), **result.metrics, "picture": str(figure)}
 
@@ -103,6 +116,17 @@ def draw_figure(
         typer.echo(answer["picture"])
 
     session.answer(answer, show)
+
+
+def latents_of(text: str | None) -> str:
+    """The config's form of `--latents`.
+
+    Raises:
+        UserError: Neither `random` nor a seed.
+    """
+    if text is None or text == "random" or text.isdecimal():
+        return text or ""
+    raise UserError(f"--latents {text}: use random, or a seed, a whole number from 0")
 
 
 def newest(session: Session) -> Path:

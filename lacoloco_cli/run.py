@@ -37,6 +37,13 @@ def run(
         typer.Option("--mocap", help="A .bvh to retarget instead of the sample; may be repeated."),
     ] = None,
     seeds: Seeds = 1,
+    from_scratch: Annotated[
+        bool,
+        typer.Option(
+            "--from-scratch",
+            help="The whole chain, also where a published low level would do (quickstart).",
+        ),
+    ] = False,
 ) -> None:
     """Run an experiment from nothing: motions, both levels, evaluation, ONNX, pages to watch."""
     from lacoloco.pipelines import experiments
@@ -52,6 +59,7 @@ def run(
         method=method,
         seeds=seeds,
         mocap=mocap or [],
+        from_scratch=from_scratch,
     )
     stages: list[dict[str, Any]] = [
         {

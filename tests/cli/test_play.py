@@ -75,6 +75,8 @@ def test_a_run_with_nothing_to_play_says_how_to_get_something(tmp_path):
         (["--clip", "squar"], "circle"),
         (["gone.h5"], "gone.h5"),
         (["--html", "/gone/page.html"], "/gone/page.html"),
+        (["--latents", "many"], "random"),
+        (["--latents", "-1"], "random"),
     ],
 )
 def test_mistakes_on_the_command_line(motions, tmp_path, arguments, hint):
