@@ -104,8 +104,8 @@ def draw_figure(
     from lacoloco.pipelines import switching as stage
 
     config = session.config(stage.PRESETS)
-    policy = resolve(policy) if policy else best(session)
     check_writable("--figure", figure)
+    policy = resolve(policy) if policy else best(session)
     result = stage.run(config, session.context(), policy=policy, motions=[resolve(one) for one in motions])
     copy_to("--figure", Path(result.metrics["picture"]), figure)
     answer = {"artifact": path_text(result.artifact), **result.metrics, "picture": str(figure)}
