@@ -30,6 +30,7 @@ SCHEMAS: dict[str, int] = {
     "lacoloco/evaluation": 1,
     "lacoloco/export": 1,
     "lacoloco/playback": 1,
+    "lacoloco/switching": 1,
     "lacoloco/experts": 1,
 }
 

@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from lacoloco.datasets import published
 from lacoloco.datasets.artifact import Header, read_header
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.hashing import hash_file
+from lacoloco.datasets.provenance import Parent
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,18 @@ def lineage(path: Path) -> list[Ancestor]:
 
 def _ancestors(header: Header, depth: int, above: set[Path]) -> Iterator[Ancestor]:
     for parent in header.parents:
-        path = parent.locate(header.path)
+        path = _locate(parent, header)
         state, own = _inspect(path, parent.sha256)
         yield Ancestor(depth, path, state, parent.sha256, own)
         # A changed file may name one of its descendants; an unchanged one cannot.
         if own is not None and path.resolve() not in above:
             yield from _ancestors(own, depth + 1, above | {path.resolve()})
+
+
+def _locate(parent: Parent, header: Header) -> Path:
+    """Where a parent lies; what is published lost its ancestors, but some of them are published too."""
+    path = parent.locate(header.path)
+    return path if path.is_file() else published.find_copy(parent.sha256) or path
 
 
 def _inspect(path: Path, expected: str) -> tuple[str, Header | None]:

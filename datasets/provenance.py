@@ -12,8 +12,10 @@ from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 
+from lacoloco.datasets import published
 from lacoloco.datasets.hashing import hash_file
 
+_PUBLISHED = "published:"
 _VERSION_DIRECTORY = re.compile(r"\.?\d{4,}(-[\w.+-]+)?(\.partial)?")
 
 
@@ -23,7 +25,8 @@ class Parent:
 
     Attributes:
         path: relative to the artifact's directory when both lie in one runs directory (so that
-            it can be moved as a whole), absolute otherwise.
+            it can be moved as a whole); `published:` and a name for what comes with lacoloco;
+            absolute otherwise.
         sha256: hash of the file's bytes when it was used.
     """
 
@@ -32,6 +35,8 @@ class Parent:
 
     def locate(self, artifact: Path) -> Path:
         """The parent's path as seen from the place where `artifact` lies now."""
+        if self.path.startswith(_PUBLISHED):
+            return published.FOLDER / self.path.removeprefix(_PUBLISHED)
         return Path(os.path.normpath(artifact.absolute().parent / self.path))
 
 
@@ -49,6 +54,8 @@ def describe_parents(artifact: Path, parents: Sequence[Path]) -> list[Parent]:
         path = Path(parent).absolute()
         inside = root is not None and path.is_relative_to(root)
         name = os.path.relpath(path, directory) if inside else str(path)
+        if path.resolve().parent == published.FOLDER.resolve():
+            name = _PUBLISHED + path.name
         described.append(Parent(Path(name).as_posix(), hash_file(path)))
     return described
 

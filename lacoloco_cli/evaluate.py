@@ -35,7 +35,10 @@ def evaluate(
     session: Session,
     policy: Annotated[
         list[Path] | None,
-        typer.Option("--policy", help="High-level policy; may be repeated. Default: the run's."),
+        typer.Option(
+            "--policy",
+            help="High-level policy, or its published name; may be repeated. Default: the run's.",
+        ),
     ] = None,
     episodes: Annotated[
         int | None, typer.Option("--episodes", min=1, help="Reported episodes per policy.")
@@ -46,6 +49,7 @@ def evaluate(
     ] = False,
 ) -> None:
     """Measure error, falls and constraint violations; choose the best on other episodes."""
+    from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import evaluate as stage
 
     config = session.config(stage.PRESETS)
@@ -54,6 +58,7 @@ def evaluate(
     coverage: dict[str, Any] = {}
     if policy is None:
         policy, coverage = policies_of_run(session, seeds, fill)
+    policy = [resolve(one) for one in policy]
     result = stage.run(config, session.context(), policies=policy)
     answer = {"artifact": path_text(result.artifact), **result.metrics, **coverage}
     session.answer(answer, lambda: show(answer))

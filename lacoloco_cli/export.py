@@ -18,18 +18,19 @@ def export(
     session: Session,
     policy: Annotated[
         Path | None,
-        typer.Option("--policy", help="High-level policy; default: the run's best, or newest."),
+        typer.Option("--policy", help="High-level policy, or its published name; default: the run's best."),
     ] = None,
 ) -> None:
     """Write both levels as ONNX files that carry all a robot needs, checked against torch."""
     import logging
 
+    from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import export as stage
 
     # torch's exporter warns that torchvision, which nothing here uses, is not installed
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     config = session.config(stage.PRESETS)
-    policy = policy or best(session)
+    policy = resolve(policy) if policy else best(session)
     result = stage.run(config, session.context(), policy=policy)
     onnx = {role: path_text(Path(path)) for role, path in result.metrics["onnx"].items()}
     answer = {"artifact": path_text(result.artifact), **result.metrics, "onnx": onnx}

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,12 +14,13 @@ import typer
 
 from lacoloco_cli.console import note
 from lacoloco_cli.failures import UserError
+from lacoloco_cli.policies import best
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import check_writable, copy_to
 
 app = typer.Typer()
 
-PLAYABLE = ("train-high", "retarget", "generate")
+PLAYABLE = ("train-high", "train-low", "retarget", "generate")
 """Stages whose newest artifact is played when none is named; the first that has one."""
 
 
@@ -28,8 +31,8 @@ def play(
         Path | None,
         typer.Argument(
             metavar="[ARTIFACT]",
-            help="Motions, a high-level policy or an earlier playback; default: the run's policy,"
-            " else its motions.",
+            help="Motions, a policy, an earlier playback, or the name of a published one; default:"
+            " the run's policy, else its motions.",
         ),
     ] = None,
     clip: Annotated[
@@ -40,12 +43,46 @@ def play(
         Path | None,
         typer.Option("--html", metavar="FILE", help="Write the page there; open no browser."),
     ] = None,
+    latents: Annotated[
+        str | None,
+        typer.Option(
+            "--latents",
+            metavar="random|SEED",
+            help="Only the low level: with latents that change at random, or with fixed ones drawn"
+            " from a seed, one per episode (what a low level alone does by default).",
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            "--figure",
+            metavar="FILE",
+            help="Instead of a page, a picture: how a high-level policy switches skills in one"
+            " episode, and in how many of 256 it walks first and reaches last.",
+        ),
+    ] = None,
+    motions: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--motions",
+            help="With --figure: motions to compare with; default: those of the policy.",
+        ),
+    ] = None,
 ) -> None:
     """Watch a motion or a policy in the browser, or write it as one HTML file."""
+    from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import playback as stage
 
+    if figure is not None:
+        if html is not None or clip or latents:
+            raise UserError("--figure: is no page; leave out --html, --clip and --latents")
+        draw_figure(session, source, figure, motions or [])
+        return
+    if motions:
+        raise UserError("--motions: belongs to --figure; to watch motions, name them alone")
     config = session.config(stage.PRESETS)
-    source = source or newest(session)
+    config = replace(config, latents=latents_of(latents))
+    source = resolve(source) if source else newest(session)
     if html is not None:
         check_writable("--html", html)
     result = stage.run(config, session.context(), source=source, names=clip or ())
@@ -57,6 +94,39 @@ def play(
     session.answer(payload, lambda: typer.echo(payload["html"]))
     if html is None and not session.as_json:
         show(page)
+
+
+def draw_figure(
+    session: Session, policy: Path | None, figure: Path, motions: Sequence[Path]
+) -> None:
+    """Draw how a policy switches skills, and count the episodes in which it does."""
+    from lacoloco.datasets.published import resolve
+    from lacoloco.pipelines import switching as stage
+
+    config = session.config(stage.PRESETS)
+    check_writable("--figure", figure)
+    policy = resolve(policy) if policy else best(session)
+    result = stage.run(config, session.context(), policy=policy, motions=[resolve(one) for one in motions])
+    copy_to("--figure", Path(result.metrics["picture"]), figure)
+    answer = {"artifact": path_text(result.artifact), **result.metrics, "picture": str(figure)}
+
+    def show() -> None:
+        share, count = answer["walk_first_reach_last"], answer["episodes"]
+        typer.echo(f"{share:.1%} of {count} episodes walk first and reach last")
+        typer.echo(answer["picture"])
+
+    session.answer(answer, show)
+
+
+def latents_of(text: str | None) -> str:
+    """The config's form of `--latents`.
+
+    Raises:
+        UserError: Neither `random` nor a seed.
+    """
+    if text is None or text == "random" or text.isdecimal():
+        return text or ""
+    raise UserError(f"--latents {text}: use random, or a seed, a whole number from 0")
 
 
 def newest(session: Session) -> Path:

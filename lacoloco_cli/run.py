@@ -61,6 +61,13 @@ def run(
     status: Annotated[
         bool, typer.Option("--status", help="Only show how far the jobs' trainings are.")
     ] = False,
+    from_scratch: Annotated[
+        bool,
+        typer.Option(
+            "--from-scratch",
+            help="The whole chain, also where a published low level would do (quickstart).",
+        ),
+    ] = False,
 ) -> None:
     """Run an experiment from nothing: motions, both levels, evaluation, ONNX, pages to watch.
 
@@ -85,6 +92,7 @@ def run(
         method=method,
         seeds=seeds,
         mocap=mocap or [],
+        from_scratch=from_scratch,
     )
     stages: list[dict[str, Any]] = [
         {

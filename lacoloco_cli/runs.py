@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lacoloco_cli import console, plot
+from lacoloco_cli import console, plot, publish
 from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from lacoloco.datasets.lineage import Ancestor
     from lacoloco.datasets.store import RunStore
 
-app = typer.Typer(no_args_is_help=True, help="List, show, plot and verify what lies in runs/.")
+app = typer.Typer(no_args_is_help=True, help="List, show, plot, verify and publish what lies in runs/.")
 app.add_typer(plot.app)
+app.add_typer(publish.app)
 
-_WHAT = "A run, or an artifact or its directory; default: "
+_WHAT = "A run, an artifact, its directory, or a published name; default: "
 Shown = Annotated[
     str | None, typer.Argument(metavar="[RUN|PATH]", help=_WHAT + "the run used last.")
 ]
@@ -126,12 +127,16 @@ def _rows(store: RunStore, run: str) -> list[dict[str, Any]]:
 
 
 def _artifacts(store: RunStore, target: str, *, empty: bool = False) -> list[Path]:
-    """The artifact at a path, or all complete ones of a run."""
+    """The artifact at a path, all complete ones of a run, or a published one."""
+    from lacoloco.datasets import published
+
     path = Path(target)
     if path.is_dir() and (path / "artifact.h5").is_file():
         return [path / "artifact.h5"]
     if path.is_file() or path.suffix == ".h5":
         return [path]
+    if target not in store.runs() and (named := published.find(target)) is not None:
+        return [named]
     found = []
     if target in store.runs():
         found = [path for stage in store.stages(target) for path in store.all(target, stage)]

@@ -20,15 +20,19 @@ def train_high(
     low: Annotated[
         Path | None,
         typer.Option(
-            "--low", help="Low-level policy; default: the run's newest of the same seed, or newest."
+            "--low",
+            help="Low-level policy, or its published name (a high level's artifact holds one too);"
+            " default: the run's newest of the same seed, or newest.",
         ),
     ] = None,
     seeds: Seeds = 1,
 ) -> None:
     """Train the high level: a policy that steers the low level to a target by latents."""
+    from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import train_high as stage
 
     config = session.config(stage.PRESETS)
+    low = resolve(low) if low else None
     train_seeds(
         session,
         seeds,

@@ -32,11 +32,12 @@ def train_low(
     ] = None,
     motions: Annotated[
         list[Path] | None,
-        typer.Option("--motions", help="Motion artifact; may be repeated. Default: the run's."),
+        typer.Option("--motions", help="Motions, or their published name; may be repeated."),
     ] = None,
     seeds: Seeds = 1,
 ) -> None:
     """Train the low level: a policy that turns latents into motion like the clips' (ASE)."""
+    from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import train_low as stage
 
     config = session.config(stage.PRESETS)
@@ -46,7 +47,7 @@ def train_low(
         config = replace(config, ase=replace(config.ase, discriminator=disc))
     if cat is not None:
         config = replace(config, cat=cat)
-    motions = motions or newest_motions(session)
+    motions = [resolve(one) for one in motions or newest_motions(session)]
     train_seeds(
         session, seeds, lambda context: stage.run(config, context, motions=motions), stage.SHOWN
     )

@@ -116,6 +116,7 @@ def bench_train(
     if config.worlds < preset.worlds:  # a smoke test
         preset = replace(preset, ppo=replace(preset.ppo, horizon=min(config.steps, preset.ppo.horizon)))
     preset = replace(preset, worlds=config.worlds, cat=cat, ase=replace(preset.ase, discriminator=disc))
+    preset = replace(preset, coverage_every=0)  # at some numbers of worlds it would fall into every measured iteration
     library = MotionLibrary(made_up_clips(spec, config.clips), device=device)
     trainer = train_low.LowTrainer(spec, library, preset, seed=0, device=device)
     engine, wait = bare_engine(trainer.env.physics), _wait_for(device)

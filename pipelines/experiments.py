@@ -29,6 +29,7 @@ class Experiment:
         learn_from: those of them whose motions the low level imitates.
         about: one line for a person.
         episodes: at most so many are evaluated; a quickstart does not need the paper's 4096.
+        start_from: names of published policies; the chain begins with the low level of the first that there is.
     """
 
     robot: str
@@ -36,11 +37,17 @@ class Experiment:
     learn_from: tuple[str, ...]
     about: str
     episodes: int = 4096
+    start_from: tuple[str, ...] = ()
 
 
 EXPERIMENTS = {
     "quickstart": Experiment(
-        "solo12", ("retarget", "generate"), ("generate",), "the whole chain on Solo12 in minutes", episodes=1024
+        "solo12",
+        ("retarget", "generate"),
+        ("generate",),
+        "the whole chain on Solo12 in minutes",
+        episodes=1024,
+        start_from=("solo12-synthetic-low", "solo12-synthetic"),
     ),
     "solo12-synthetic": Experiment("solo12", ("generate",), ("generate",), "walking and reaching experts"),
     "solo12-dog": Experiment("solo12", ("retarget",), ("retarget",), "a dog's motions, retargeted"),
@@ -66,8 +73,12 @@ def run(
     method: str = "drail-cat",
     seeds: int = 1,
     mocap: Sequence[Path] = (),
+    from_scratch: bool = False,
 ) -> list[Outcome]:
     """Run an experiment from nothing to an evaluated, exported and rendered policy.
+
+    Where the experiment may start from a published low level of this method, and there is one, only a new high level
+    is trained: skills once, tasks in minutes.
 
     With ``context.resume``, stages that are complete in this run are kept and the unfinished one goes on.
 
@@ -77,7 +88,8 @@ def run(
         preset: preset of every stage.
         method: a key of ``METHODS``.
         seeds: trainings, from ``context.seed`` upwards; the best one is exported and played.
-        mocap: files to retarget instead of the bundled sample.
+        mocap: files to retarget instead of the bundled sample; they need the whole chain.
+        from_scratch: run the whole chain even where a published low level would do.
 
     Raises:
         StageError: unknown experiment, preset or method.
@@ -85,7 +97,19 @@ def run(
     experiment = _known(EXPERIMENTS, name, "experiment")
     _known(METHODS, method, "method")
     chain = _Chain(experiment, context, preset, method, list(mocap))
-    return list(chain.run(range(context.seed, context.seed + seeds)))
+    low = None if from_scratch or mocap else published_low(experiment, method)
+    if low is not None:
+        context.progress.say(f"starting from the published low level {low.stem}; --from-scratch trains another one")
+    return list(chain.run(range(context.seed, context.seed + seeds), low))
+
+
+def published_low(experiment: Experiment, method: str) -> Path | None:
+    """The published policy whose low level an experiment may start from, None where none was trained by this method."""
+    from lacoloco.datasets import published
+    from lacoloco.datasets.artifact import read_header
+
+    found = [path for name in experiment.start_from if (path := published.find(name)) is not None]
+    return next((path for path in found if read_header(path).metadata.get("method") == method), None)
 
 
 def make_motions(name: str, context: StageContext, *, preset: str, mocap: Sequence[Path] = ()) -> list[Path]:
@@ -139,24 +163,27 @@ class _Chain:
     ) -> None:
         self.experiment, self.context, self.preset, self.method, self.mocap = experiment, context, preset, method, mocap
 
-    def run(self, seeds: range) -> Iterator[Outcome]:
-        """All stages in order."""
-        for maker in self.experiment.makers:
+    def run(self, seeds: range, published: Path | None = None) -> Iterator[Outcome]:
+        """All stages in order; with a ``published`` low level, only what comes after it."""
+        makers = () if published is not None else self.experiment.makers
+        for maker in makers:
             yield self.stage(maker, self.context, **self.sources(maker))
-        motions = [self.newest(maker) for maker in self.experiment.learn_from]
         policies = []
         for seed in seeds:
-            context = replace(self.context, seed=seed)
-            low = self.stage("train-low", context, motions=motions)
-            yield low
-            high = self.stage("train-high", context, low=low.artifact)
+            context, low = replace(self.context, seed=seed), published
+            if low is None:
+                motions = [self.newest(maker) for maker in self.experiment.learn_from]
+                trained = self.stage("train-low", context, motions=motions)
+                yield trained
+                low = trained.artifact
+            high = self.stage("train-high", context, low=low)
             policies.append(high.artifact)
             yield high
         evaluation = self.stage("eval", self.context, policies=policies)
         yield evaluation
         best = self._best(evaluation.artifact, policies)
         yield self.stage("export", self.context, policy=best)
-        for source in (*(self.newest(maker) for maker in self.experiment.makers), best):
+        for source in (*(self.newest(maker) for maker in makers), best):
             yield self.stage("play", self.context, source=source)
 
     def sources(self, maker: str) -> dict[str, Any]:

@@ -37,11 +37,15 @@ class PlaybackConfig:
             share.
         episodes: Episodes of a policy.
         seconds: Length of an episode.
+        latents: What steers the low level. "": the high level; where there is none, latents drawn from the stage's
+            seed, one per episode. "random": latents that change at random, as in training. A number: latents drawn
+            from this seed, one per episode.
     """
 
     clips: int = 8
     episodes: int = 3
     seconds: float = 10.0
+    latents: str = ""
 
 
 def laptop() -> PlaybackConfig:
@@ -65,7 +69,7 @@ def run(
     Args:
         config: How much.
         context: Where.
-        source: Artifact of motions, of a policy with a high level, or of a playback.
+        source: Artifact of motions, of a policy, or of a playback.
         names: Clips to show; default: a selection.
 
     Returns:
@@ -122,9 +126,11 @@ def record(
     if artifact.schema == SCHEMA:
         return recordings.from_arrays(artifact.arrays, artifact.metadata)
     if artifact.schema == "lacoloco/policy":
+        if config.latents or "high" not in artifact.metadata["heads"]:
+            return low_recordings(artifact.path, config, seed)
         return policy_recordings(artifact.path, config, seed)
     raise StageError(
-        f"{artifact.path}: '{artifact.schema}' shows nothing; play motions or a high-level policy"
+        f"{artifact.path}: '{artifact.schema}' shows nothing; play motions or a policy"
     )
 
 
@@ -149,6 +155,39 @@ def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[R
                 root_quat=qpos[:, 3:7],
                 joint_pos=qpos[:, 7:],
                 target=played.target[index],
+                latent=played.steering[index],
+                contacts=played.contact[index],
+                note=f"{'/'.join(policy.parts[-4:-1])}: {end}",
+            )
+        )
+    return shown
+
+
+def low_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Recording]:
+    """What latents that nobody chose make of a low level, from a standing start.
+
+    Raises:
+        ArtifactError: The artifact holds no low level.
+    """
+    from lacoloco.pipelines.rollout import record_low
+
+    changing = config.latents == "random"
+    chosen = int(config.latents) if config.latents and not changing else seed
+    played = record_low(
+        policy, seconds=config.seconds, episodes=config.episodes, seed=chosen, changing=changing
+    )
+    shown = []
+    for index, qpos in enumerate(played.qpos):
+        way = np.linalg.norm(np.diff(qpos[:, :2], axis=0), axis=1).sum()
+        end = "fell" if played.fell[index] else f"{way:.2f} m on its way"
+        held = "changing latents" if changing else f"latent {index + 1} of seed {chosen}"
+        shown.append(
+            Recording(
+                name=held if not changing else f"{held}, episode {index + 1}",
+                fps=played.fps,
+                root_pos=qpos[:, :3],
+                root_quat=qpos[:, 3:7],
+                joint_pos=qpos[:, 7:],
                 latent=played.steering[index],
                 contacts=played.contact[index],
                 note=f"{'/'.join(policy.parts[-4:-1])}: {end}",

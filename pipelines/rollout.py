@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from lacoloco.pipelines.learn.latents import project
+from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule, project
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, reach_task
+from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, ResetConfig, imitate_task, reach_task
 from lacoloco.robots.registry import load_robot
 
 
@@ -43,6 +43,53 @@ class ReachRecording:
     fell: np.ndarray
     robot: str
     fps: float = 1.0 / CONTROL_DT
+
+
+@dataclass(frozen=True)
+class LowRecording:
+    """T control steps of each of E episodes of a low level alone; fields as in :class:`ReachRecording`."""
+
+    qpos: np.ndarray
+    contact: np.ndarray
+    steering: np.ndarray
+    fell: np.ndarray
+    robot: str
+    fps: float = 1.0 / CONTROL_DT
+
+
+def record_low(
+    policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0, changing: bool = False
+) -> LowRecording:
+    """Play a low level from a standing start, without noise, pushes or randomisation, steered by latents drawn from ``seed``.
+
+    Each episode holds one latent to its end; ``changing`` ones are drawn anew after random times, as in training.
+
+    Raises:
+        ArtifactError: ``policy`` is missing, damaged, or holds no low level.
+    """
+    artifact, policies = load_policies(policy, "low")
+    low, spec = policies["low"], load_robot(artifact.robot)
+    task = replace(
+        imitate_task(spec, constrained=False),
+        noise=0.0,
+        training_limits=False,
+        randomisation=NO_RANDOMISATION,
+        reset=ResetConfig(heading=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0)),
+    )
+    env = LeggedEnv(spec, task, episodes, seed=seed)
+    steps = max(1, round(seconds / CONTROL_DT))
+    held = LatentConfig(low.head.sizes["latent"]) if changing else LatentConfig(low.head.sizes["latent"], steps, steps)
+    latents = LatentSchedule(episodes, held, seed=seed)
+    fell = torch.zeros(episodes, dtype=torch.bool)
+    qpos, contact, steering = [], [], []
+    for _ in range(steps):
+        steering.append(latents.z)
+        fell |= env.step(low(env.observe(), latents.z)).fell
+        qpos.append(env.physics.qpos)
+        contact.append(env.feet.contact)
+        latents.advance(torch.zeros_like(fell))
+    rows = [torch.stack(steps, dim=1).numpy() for steps in (qpos, contact, steering)]
+    return LowRecording(*rows, fell=fell.numpy(), robot=spec.name)
 
 
 def record_reach(policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0) -> ReachRecording:

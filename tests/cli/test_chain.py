@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 from typer.testing import CliRunner
 
+from lacoloco.datasets import provenance, published
 from lacoloco.datasets.artifact import read_artifact, read_header
 from lacoloco.datasets.store import RunStore
 from lacoloco_cli.main import app
@@ -33,9 +35,11 @@ class Chain:
 def chain(tmp_path_factory):
     """A run `tiny` with motions, a low and a high level, both of seed 0."""
     chain = Chain(tmp_path_factory.mktemp("chain") / "runs")
-    for arguments in (["generate", "--run", "tiny"], ["train-low"], ["train-high"]):
-        result = chain.invoke(*arguments, *SMOKE)
-        assert result.exit_code == 0, result.stderr
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(provenance, "git_commit", lambda: "a" * 40)  # so that it can be published
+        for arguments in (["generate", "--run", "tiny"], ["train-low"], ["train-high"]):
+            result = chain.invoke(*arguments, *SMOKE)
+            assert result.exit_code == 0, result.stderr
     return chain
 
 
@@ -190,3 +194,35 @@ def test_interrupted_training_goes_on_where_it_stopped(chain, monkeypatch):
     answer = chain.answer("train-low", "--resume")
     assert (answer["seed"], answer["method"]) == (5, "drail")
     assert len(chain.store.all("tiny", "train-low")) == len(before) + 1
+
+
+@pytest.mark.slow
+def test_what_is_published_is_used_by_its_name(chain, tmp_path, monkeypatch):
+    """From a run's artifacts to names that another runs folder, on another machine, starts from."""
+    folder = tmp_path / "published"
+    folder.mkdir()
+    shutil.copy(published.find("solo12-experts"), folder)
+    monkeypatch.setattr(published, "FOLDER", folder)
+    high, low, motions = (
+        chain.store.all("tiny", stage)[0] for stage in ("train-high", "train-low", "generate")
+    )
+    for path, name in ((high, "solo12-synthetic"), (low, "tiny-low"), (motions, "tiny-motions")):
+        assert chain.answer("runs", "publish", str(path), name)["name"] == name
+    new = Chain(tmp_path / "runs")
+    answer = new.answer("run", "quickstart", *SMOKE)
+    assert [stage["stage"] for stage in answer["stages"]] == ["train-high", "eval", "export", "play"]
+    low_of = read_header(new.store.newest("quickstart", "train-high")).parents[0]
+    assert low_of.path == "published:solo12-synthetic.h5"
+    (row,) = new.answer("eval", "--policy", "solo12-synthetic", *SMOKE)["rows"]
+    assert row["policy"] == str(folder / "solo12-synthetic.h5")
+    trained = new.answer("train-high", "--low", "tiny-low", *SMOKE)
+    assert trained["method"] == "drail-cat"
+    page = tmp_path / "page.html"
+    played = new.answer("play", "solo12-synthetic", "--html", str(page), *SMOKE)
+    assert played["recordings"] == ["episode 1"]
+    assert new.answer("play", "tiny-low", *SMOKE)["recordings"] == ["latent 1 of seed 0"]
+    figure = str(tmp_path / "figure.png")
+    switching = new.answer("play", "solo12-synthetic", "--figure", figure, *SMOKE)
+    assert 0.0 <= switching["walk_first_reach_last"] <= 1.0
+    shown = new.answer("runs", "show", "solo12-synthetic")["artifacts"][0]["lineage"]
+    assert [row["state"] for row in shown] == ["ok"] * 4, "high, low, motions, experts"

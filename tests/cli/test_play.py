@@ -75,6 +75,8 @@ def test_a_run_with_nothing_to_play_says_how_to_get_something(tmp_path):
         (["--clip", "squar"], "circle"),
         (["gone.h5"], "gone.h5"),
         (["--html", "/gone/page.html"], "/gone/page.html"),
+        (["--latents", "many"], "random"),
+        (["--latents", "-1"], "random"),
     ],
 )
 def test_mistakes_on_the_command_line(motions, tmp_path, arguments, hint):
@@ -91,3 +93,45 @@ def test_a_damaged_artifact_is_refused(motions, tmp_path):
     result = invoke(damaged, "--html", tmp_path / "page.html")
     assert result.exit_code == 2
     assert "half.h5" in result.stderr
+
+
+def test_a_figure_is_drawn_instead_of_a_page(motions, tmp_path, monkeypatch):
+    from lacoloco.pipelines import switching
+    from lacoloco.pipelines.stage import StageResult
+
+    asked = []
+
+    def run(config, context, *, policy, motions):
+        asked.append((config, policy, motions))
+        picture = tmp_path / "switching.png"
+        picture.write_bytes(b"drawn")
+        figures = {"walk_first_reach_last": 0.25, "episodes": 4, "picture": str(picture)}
+        return StageResult(tmp_path / "artifact.h5", figures)
+
+    monkeypatch.setattr(switching, "run", run)
+    figure = tmp_path / "mine.png"
+    policy = tmp_path / "policy.h5"
+    policy.touch()
+    options = (policy, "--figure", figure, "--motions", motions, "--preset", "smoke")
+    result = invoke(*options)
+    assert result.stdout.splitlines() == ["25.0% of 4 episodes walk first and reach last", str(figure)]
+    assert figure.read_bytes() == b"drawn"
+    assert json.loads(invoke(*options, "--json").stdout)["walk_first_reach_last"] == 0.25
+    assert asked[0][0] == switching.PRESETS["smoke"]()
+    assert asked[0][1:] == (policy, [motions])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["p.h5", "--figure", "a.png", "--clip", "circle"], "--clip"),
+        (["p.h5", "--figure", "/gone/a.png"], "/gone/a.png"),
+        (["--motions", "m.h5"], "--figure"),
+        (["--figure", "a.png"], "train-high"),
+    ],
+)
+def test_mistakes_about_figures(motions, arguments, hint):
+    result = invoke(*arguments)
+    assert result.exit_code == 2
+    assert hint in result.stderr
+    assert result.stderr.count("\n") == 1

@@ -12,7 +12,16 @@ import torch
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import evaluate, export, generate, rollout, train_high, train_low
+from lacoloco.pipelines import (
+    evaluate,
+    export,
+    generate,
+    playback,
+    rollout,
+    switching,
+    train_high,
+    train_low,
+)
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import load_policies
@@ -312,3 +321,56 @@ def test_a_rollout_is_recorded_step_by_step(chain):
     assert np.array_equal(
         recorded.latent.reshape(15, 2, 7).swapaxes(0, 1), recorded.steering
     )
+
+
+def test_switching_compares_with_the_motions_the_policy_was_made_of(chain, tmp_path):
+    config = switching.SwitchingConfig(episodes=2, seconds=1.0)
+    result = switching.run(config, chain.context, policy=chain.high.artifact)
+    assert 0.0 <= result.metrics["walk_first_reach_last"] <= 1.0
+    artifact = read_artifact(result.artifact, "lacoloco/switching")
+    parents = [parent.locate(result.artifact) for parent in artifact.parents]
+    assert parents == [chain.high.artifact, chain.made.artifact]
+    assert artifact.arrays["nearest"].shape == artifact.arrays["error"].shape == (2, 50)
+    assert artifact.arrays["latent"].shape == (50, 7)
+    assert result.artifact.with_name("switching.png").read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(StageError, match="episodes 0 to 1"):
+        switching.run(replace(config, shown=2), chain.context, policy=chain.high.artifact)
+
+
+def test_switching_needs_motions_that_are_still_there(chain, tmp_path):
+    alone = tmp_path / "policy.h5"
+    alone.write_bytes(chain.high.artifact.read_bytes())
+    with pytest.raises(StageError, match=r"policy.h5.*--motions"):
+        switching.motions_of(alone)
+
+
+def test_a_low_level_alone_holds_one_latent_per_episode_or_changes_them(chain):
+    held = rollout.record_low(chain.low.artifact, seconds=0.6, episodes=2, seed=3)
+    assert held.qpos.shape == (2, 30, 19)
+    assert held.contact.shape == (2, 30, 4)
+    assert (held.steering == held.steering[:, :1]).all()
+    assert not np.array_equal(held.steering[0], held.steering[1])
+    again = rollout.record_low(chain.high.artifact, seconds=0.6, episodes=2, seed=3)
+    assert np.array_equal(again.qpos, held.qpos), "the high level's artifact has the same low level"
+    other = rollout.record_low(chain.low.artifact, seconds=0.6, episodes=2, seed=4)
+    assert not np.array_equal(other.qpos, held.qpos)
+    assert np.allclose(held.qpos[:, 0, :2], 0.0, atol=0.01), "from a standing start"
+    changing = rollout.record_low(chain.low.artifact, seconds=4.0, episodes=1, seed=3, changing=True)
+    assert len(np.unique(changing.steering[0], axis=0)) > 1
+
+
+@pytest.mark.parametrize(
+    ("latents", "names"),
+    [
+        ("", ["latent 1 of seed 9", "latent 2 of seed 9"]),
+        ("5", ["latent 1 of seed 5", "latent 2 of seed 5"]),
+        ("random", ["changing latents, episode 1", "changing latents, episode 2"]),
+    ],
+)
+def test_a_low_level_is_played_without_a_high_one(chain, latents, names):
+    config = playback.PlaybackConfig(episodes=2, seconds=0.2, latents=latents)
+    shown = playback.record(read_artifact(chain.low.artifact), config, 9)
+    assert [one.name for one in shown] == names
+    assert all(one.target is None and one.latent.shape == (10, 7) for one in shown)
+    steered = playback.record(read_artifact(chain.high.artifact), config, 9)
+    assert (steered[0].target is None) == bool(latents), "the high level steers unless told otherwise"

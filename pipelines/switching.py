@@ -1,0 +1,182 @@
+"""Skill switching: what a high level does with the skills, over time: to walk first and to reach last.
+
+Played without noise, pushes and randomisation, motors as strong as they are. Each control step takes the skill of the
+clip that its style frame is nearest to, each second the skill of most of its steps. An episode *walks first and reaches
+last* when its first second is walking, its last second is reaching, and it does not fall in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from lacoloco.datasets.artifact import read_header, write_artifact
+from lacoloco.datasets.clip import SCHEMA as MOTIONS
+from lacoloco.datasets.clip import load_clips
+from lacoloco.datasets.lineage import lineage
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.nearest_clip import NearestClip
+from lacoloco.pipelines.rollout import ReachRecording, record_reach
+from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.robots.registry import load_robot
+
+STAGE = "switching"
+SCHEMA = "lacoloco/switching"
+PICTURE = "switching.png"
+FIRST, LAST = "walk", "reach"
+
+
+@dataclass(frozen=True)
+class SwitchingConfig:
+    """What is played and shown.
+
+    Attributes:
+        episodes: how many are counted.
+        seconds: length of an episode.
+        shown: number of the episode in the picture; -1 takes, of those that walk first and reach last (of all, where
+            none does), the one with the median distance from the target at its end.
+    """
+
+    episodes: int = 256
+    seconds: float = 10.0
+    shown: int = -1
+
+
+PRESETS: dict[str, Callable[[], SwitchingConfig]] = {
+    "smoke": lambda: SwitchingConfig(episodes=4, seconds=2.0),
+    "laptop": lambda: SwitchingConfig(),
+}
+
+
+@dataclass(frozen=True)
+class Switching:
+    """T control steps of E episodes.
+
+    Attributes:
+        skills: names of the clips' skills.
+        nearest: (E, T) index of the skill whose clips are nearest.
+        distances: (E, T, skills) distance to the nearest moment of each skill.
+        error: (E, T) distance of the end effector from the target [m].
+        fell: (E,) bool.
+        fps: steps per second.
+    """
+
+    skills: tuple[str, ...]
+    nearest: np.ndarray
+    distances: np.ndarray
+    error: np.ndarray
+    fell: np.ndarray
+    fps: float
+
+    @property
+    def walks_first(self) -> np.ndarray:
+        """(E,) bool: the first second is nearest to walking clips."""
+        return self._mostly(FIRST, slice(None, round(self.fps)))
+
+    @property
+    def reaches_last(self) -> np.ndarray:
+        """(E,) bool: the last second is nearest to reaching clips."""
+        return self._mostly(LAST, slice(-round(self.fps), None))
+
+    @property
+    def switches(self) -> np.ndarray:
+        """(E,) bool: walks first, reaches last, and does not fall."""
+        return self.walks_first & self.reaches_last & ~self.fell
+
+    def typical(self) -> int:
+        """The episode with the median error at its end, of those that switch, or of all where none does."""
+        candidates = np.flatnonzero(self.switches) if self.switches.any() else np.arange(len(self.fell))
+        order = np.argsort(self.error[candidates, -1], kind="stable")
+        return int(candidates[order[(len(order) - 1) // 2]])
+
+    def figures(self) -> dict[str, float]:
+        """Shares of episodes, and the mean share of steps that are nearest to reaching clips."""
+        return {
+            "walk_first_reach_last": float(self.switches.mean()),
+            "walk_first": float(self.walks_first.mean()),
+            "reach_last": float(self.reaches_last.mean()),
+            "reach_steps": float((self.nearest == self.skills.index(LAST)).mean()),
+            "falls": float(self.fell.mean()),
+            "final_error_m": float(self.error[:, -1].mean()),
+        }
+
+    def _mostly(self, skill: str, steps: slice) -> np.ndarray:
+        return (self.nearest[:, steps] == self.skills.index(skill)).mean(axis=1) > 0.5
+
+
+def run(
+    config: SwitchingConfig, context: StageContext, *, policy: Path, motions: Sequence[Path] = ()
+) -> StageResult:
+    """Play a high-level policy, count the episodes that switch skills, and draw one.
+
+    Args:
+        config: how much.
+        context: where, and the seed of the episodes.
+        policy: artifact with both levels.
+        motions: the clips to compare with; default: those that the policy was made of.
+
+    Returns:
+        The artifact; metrics of :meth:`Switching.figures`, and ``picture``.
+
+    Raises:
+        StageError: the motions are not to be found, or have no walking or no reaching clips.
+        ArtifactError: an input is missing or damaged.
+    """
+    from lacoloco.pipelines.plots.switching import draw_switching
+
+    if config.shown >= config.episodes:
+        raise StageError(f"shown: there are only episodes 0 to {config.episodes - 1}")
+    motions = list(motions) or motions_of(policy)
+    nearest = NearestClip([clip for path in motions for clip in load_clips(path)])
+    for skill in (FIRST, LAST):
+        if skill not in nearest.skills:
+            raise StageError(f"{motions[0]}: no clips of the skill '{skill}'; name other motions with --motions")
+    played = record_reach(policy, seconds=config.seconds, episodes=config.episodes, seed=context.seed)
+    found = compare(played, nearest)
+    shown = config.shown if config.shown >= 0 else found.typical()
+    directory = context.store.begin(context.run, STAGE)
+    spec = load_robot(played.robot)
+    draw_switching(directory.file(PICTURE), found, played, shown, spec.feet)
+    write_artifact(
+        directory.file("artifact.h5"),
+        SCHEMA,
+        {"nearest": found.nearest, "error": found.error, "fell": found.fell, "latent": played.steering[shown]},
+        metadata={"skills": found.skills, "fps": found.fps, "shown": shown, "figures": found.figures()},
+        config=asdict(config),
+        seed=context.seed,
+        robot=(spec.name, spec.model_hash()),
+        parents=[policy, *motions],
+        command=context.command,
+    )
+    done = directory.complete()
+    figures = {**found.figures(), "episodes": config.episodes, "shown": shown}
+    return StageResult(done, {**figures, "picture": str(done.with_name(PICTURE))})
+
+
+def motions_of(policy: Path) -> list[Path]:
+    """The motion artifacts in a policy's lineage, as they were when it was trained.
+
+    Raises:
+        StageError: they are no longer there.
+    """
+    ancestors = [a for a in lineage(policy) if a.header is not None and a.header.schema == MOTIONS]
+    found = [ancestor.path for ancestor in ancestors if ancestor.state == "ok"]
+    if not found:
+        what = read_header(policy).metadata.get("method", "policy")
+        raise StageError(f"{policy}: the motions that this {what} was trained on are gone; name some with --motions")
+    return list(dict.fromkeys(found))
+
+
+def compare(played: ReachRecording, nearest: NearestClip) -> Switching:
+    """Find the nearest skill of every step; the clean style frame is how a low-level observation begins."""
+    episodes, steps, joints = len(played.fell), played.qpos.shape[1], played.qpos.shape[2] - 7
+    observed = played.low_obs.reshape(steps, episodes, -1)[:, :, : 10 + 2 * joints].swapaxes(0, 1)
+    distances = nearest.distances(torch.from_numpy(np.ascontiguousarray(observed)).flatten(0, 1))
+    distances = distances.numpy().reshape(episodes, steps, -1)
+    error = np.linalg.norm(played.end_effector - played.target, axis=-1)
+    index = distances.argmin(axis=-1).astype(np.uint8)
+    return Switching(nearest.skills, index, distances, error, played.fell, played.fps)
