@@ -4,11 +4,7 @@ The same random worlds are learned from by one process and by two that share the
 to the last bit, and with those of the one up to rounding.
 """
 
-import os
-import socket
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import torch
@@ -134,23 +130,6 @@ def work(path, what):
         )
 
 
-def start(path, what, processes):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": str(processes)}
-    command = [sys.executable, str(Path(__file__)), str(path), what]
-    return [
-        subprocess.Popen(command, env={**os.environ, **shared, "RANK": str(r), "LOCAL_RANK": str(r)})
-        for r in range(processes)
-    ]
-
-
-def results(path, running):
-    assert [process.wait(timeout=600) for process in running] == [0] * len(running)
-    return [torch.load(f"{path}.{r}", weights_only=False) for r in range(len(running))]
-
-
 def flat(state):
     """Every number of a state, in order."""
     return torch.cat([tensor.double().flatten() for part in state.values() for tensor in part.values()])
@@ -158,10 +137,15 @@ def flat(state):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["control", "style"])
-def test_two_processes_learn_what_one_does(tmp_path, what):
-    alone, shared = start(tmp_path / "one", what, 1), start(tmp_path / "two", what, 2)
-    (one,) = results(tmp_path / "one", alone)
-    first, second = results(tmp_path / "two", shared)
+def test_two_processes_learn_what_one_does(tmp_path, processes, what):
+    alone, together = tmp_path / "one", tmp_path / "two"
+    running = [
+        processes.start(__file__, 1, str(alone), what),
+        processes.start(__file__, 2, str(together), what),
+    ]
+    assert [processes.wait(each) for each in running] == [[0], [0, 0]]
+    (one,) = processes.results(alone, 1)
+    first, second = processes.results(together, 2)
     assert torch.equal(flat(first), flat(second)), "one set of weights, bit for bit"
     assert torch.allclose(flat(first), flat(one), atol=5e-4)
     torch.manual_seed(0)
