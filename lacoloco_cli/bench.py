@@ -10,8 +10,8 @@ import typer
 
 from lacoloco_cli import console
 from lacoloco_cli.failures import UserError
-from lacoloco_cli.options import READING, STAGE, Robot
-from lacoloco_cli.session import Session, check_device, verb
+from lacoloco_cli.options import IN_A_RUN, READING, STAGE, Robot
+from lacoloco_cli.session import Session, check_device, path_text, verb
 
 if TYPE_CHECKING:
     from lacoloco.pipelines.bench import BenchConfig
@@ -73,6 +73,66 @@ def bench_retarget(
     from lacoloco.pipelines.retargeting.bench import bench_retarget as measure
 
     _show(session, {"robot": robot, **measure(robot, sources or ())})
+
+
+@verb(app, "gpu", shared=IN_A_RUN)
+def bench_gpu(
+    session: Session,
+    worlds: Annotated[int, typer.Option("--worlds", min=1, help="Parallel worlds.")] = 4096,
+    seconds: Annotated[
+        float, typer.Option("--seconds", min=0.0, help="About so long per measurement.")
+    ] = 10.0,
+    minutes: Annotated[
+        float, typer.Option("--minutes", min=0.0, help="For trainings afterwards.")
+    ] = 0.0,
+    preset: Annotated[str, typer.Option("--preset", help="Preset of the trainings.")] = "gpu",
+    device: Annotated[
+        str | None,
+        typer.Option("--device", metavar="cpu|cuda", help="Default: cuda where there is one."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="A folder for copies of the figures and the policies."),
+    ] = None,
+) -> None:
+    """Everything about a GPU in one go: parity, the table of figures, then trainings.
+
+    Figures are on disk after each row, trainings have checkpoints: it may be cut at any moment, and
+    the same command goes on with the trainings.
+    """
+    from lacoloco.pipelines.gpu_bench import GpuBenchConfig
+    from lacoloco.pipelines.gpu_bench import bench_gpu as measure
+    from lacoloco.pipelines.train_low import PRESETS
+
+    if preset not in PRESETS:
+        raise UserError(f"--preset {preset}: use {', '.join(PRESETS)}")
+    session.run = session.run or "bench-gpu"
+    session.device = device or _best_device()
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    answer = measure(GpuBenchConfig(worlds, seconds, minutes, preset), session.context(), out)
+    figures = session.store.directory(session.run_name) / "figures.json"
+    session.answer({"figures": path_text(figures), **answer}, lambda: _show_gpu(answer, figures))
+
+
+def _best_device() -> str:
+    import torch
+
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def _show_gpu(answer: Mapping[str, Any], figures: Path) -> None:
+    machine = answer["machine"]
+    typer.echo(f"on {machine['gpu'] or 'the CPU'}, commit {answer['commit'] or 'unknown'}")
+    columns = ("name", "engine", "worlds", "steps_per_second", "ratio_to_engine", "must", "aim")
+    rows = [[row[column] for column in columns] for row in answer["rows"]]
+    console.print_table(list(columns), rows)
+    for row in answer["trainings"]:
+        error = row.get("evaluation", {}).get("ee_error_mean_m")
+        came = row["status"] if error is None else f"error {100 * error:.1f} cm"
+        spent = console.duration_text(row["wall_seconds"])
+        typer.echo(f"{row['experiment']} {row['method']}: {came} after {spent}; run {row['run']}")
+    typer.echo(f"figures: {path_text(figures)}")
 
 
 def _config(session: Session) -> BenchConfig:

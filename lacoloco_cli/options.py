@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from inspect import Parameter
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -39,6 +40,14 @@ Debug = Annotated[bool, _option("--debug", help="Show the traceback of an error.
 
 # own options of several verbs
 Robot = Annotated[str, typer.Option("--robot", metavar="NAME", help="One of `lacoloco robots`.")]
+Checkpoint = Annotated[
+    Path | None,
+    typer.Option(
+        "--checkpoint",
+        metavar="FILE",
+        help="Go on from a checkpoint, perhaps of another machine, with its settings and seed.",
+    ),
+]
 Seeds = Annotated[
     int,
     typer.Option("--seeds", min=1, help="How many seeds, counted up from --seed."),

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from lacoloco_cli.options import Seeds
+from lacoloco_cli.options import Checkpoint, Seeds
 from lacoloco_cli.session import Session, verb
-from lacoloco_cli.training import train_seeds
+from lacoloco_cli.training import taken_over, train_seeds
 
 app = typer.Typer()
 
@@ -25,6 +25,7 @@ def train_high(
             " default: the run's newest of the same seed, or newest.",
         ),
     ] = None,
+    checkpoint: Checkpoint = None,
     seeds: Seeds = 1,
 ) -> None:
     """Train the high level: a policy that steers the low level to a target by latents."""
@@ -33,11 +34,14 @@ def train_high(
 
     config = session.config(stage.PRESETS)
     low = resolve(low) if low else None
+    if checkpoint is not None:
+        config = taken_over(session, checkpoint, stage.TrainHighConfig())
     train_seeds(
         session,
         seeds,
         lambda context: stage.run(config, context, low=low or newest_low(session, context.seed)),
         stage.SHOWN,
+        checkpoint,
     )
 
 

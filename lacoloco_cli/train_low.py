@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from lacoloco_cli.failures import UserError
-from lacoloco_cli.options import Seeds
+from lacoloco_cli.options import Checkpoint, Seeds
 from lacoloco_cli.session import Session, verb
-from lacoloco_cli.training import train_seeds
+from lacoloco_cli.training import taken_over, train_seeds
 
 app = typer.Typer()
 
@@ -34,6 +34,7 @@ def train_low(
         list[Path] | None,
         typer.Option("--motions", help="Motions, or their published name; may be repeated."),
     ] = None,
+    checkpoint: Checkpoint = None,
     seeds: Seeds = 1,
 ) -> None:
     """Train the low level: a policy that turns latents into motion like the clips' (ASE)."""
@@ -47,9 +48,15 @@ def train_low(
         config = replace(config, ase=replace(config.ase, discriminator=disc))
     if cat is not None:
         config = replace(config, cat=cat)
+    if checkpoint is not None:
+        config = taken_over(session, checkpoint, stage.TrainLowConfig())
     motions = [resolve(one) for one in motions or newest_motions(session)]
     train_seeds(
-        session, seeds, lambda context: stage.run(config, context, motions=motions), stage.SHOWN
+        session,
+        seeds,
+        lambda context: stage.run(config, context, motions=motions),
+        stage.SHOWN,
+        checkpoint,
     )
 
 

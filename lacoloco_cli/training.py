@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from lacoloco_cli import console
-from lacoloco_cli.session import Session, check_device, path_text
+from lacoloco_cli.failures import UserError
+from lacoloco_cli.overrides import restored
+from lacoloco_cli.session import Config, Session, check_device, path_text
 
 if TYPE_CHECKING:
     from lacoloco.pipelines.stage import StageContext, StageResult
@@ -23,6 +27,7 @@ def train_seeds(
     count: int,
     train: Callable[[StageContext], StageResult],
     shown: Sequence[str],
+    checkpoint: Path | None = None,
 ) -> None:
     """Train one seed after the other and show them together; under torchrun, all processes do.
 
@@ -31,6 +36,7 @@ def train_seeds(
         count: From `--seeds`.
         train: Trains the seed of its context.
         shown: Figures for the table; `--json` has them all.
+        checkpoint: From `--checkpoint`.
     """
     from lacoloco.pipelines.learn import parallel
 
@@ -38,12 +44,35 @@ def train_seeds(
     check_device(session.device)
     with parallel.group(session.device):
         for context in contexts(session, count):
-            result = train(context)
+            result = train(replace(context, checkpoint=checkpoint))
             trained.append({"artifact": path_text(result.artifact), **result.metrics})
     answer = dict(trained[-1])
     if count > 1:
         answer["seeds"] = trained
     session.answer(answer, lambda: show(trained, shown))
+
+
+def taken_over(session: Session, checkpoint: Path, template: Config) -> Config:
+    """The config of the training that a checkpoint is of; the call takes over its seed, too.
+
+    Args:
+        session: The call.
+        checkpoint: From `--checkpoint`.
+        template: A config of the stage.
+
+    Raises:
+        ArtifactError: It is missing or damaged.
+        UserError: It is no checkpoint, or another stage's.
+    """
+    from lacoloco.datasets.artifact import read_header
+    from lacoloco.pipelines.training import CHECKPOINT
+
+    header = read_header(checkpoint)
+    fields = {field.name for field in dataclasses.fields(template)}  # type: ignore[arg-type]
+    if header.schema != CHECKPOINT or not header.config or not set(header.config) <= fields:
+        raise UserError(f"{checkpoint}: is no checkpoint of {session.verb}; name one of its own")
+    session.seed = header.seed or 0
+    return restored(template, header.config)
 
 
 def contexts(session: Session, count: int) -> Iterator[StageContext]:

@@ -84,7 +84,7 @@ def bench_sim(config: BenchConfig, *, robot: str = "solo12", task: str = "walk",
     env = LeggedEnv(spec, _task(spec, task), config.worlds, seed=0, device=device)
     env.stagger()
     engine, wait = bare_engine(env.physics), _wait_for(device)
-    _loop(env, _actions(env, 50))
+    _loop(env, _actions(env, min(50, 2 * config.steps)))
     loops, bare = [], []
     for index in config.turns():
         actions = _actions(env, config.steps)
@@ -96,7 +96,7 @@ def bench_sim(config: BenchConfig, *, robot: str = "solo12", task: str = "walk",
         **_facts(env, robot, device),
         "task": task,
         **_rates(config.worlds * config.steps, loops, bare),
-        "shares": _sim_shares(env, config, wait),
+        "shares": _sim_shares(env, config.steps, max(1, len(loops) // 2), wait),
     }
 
 
@@ -115,6 +115,8 @@ def bench_train(
     spec, preset = load_robot(robot), train_low.PRESETS[config.recipe]()
     if config.worlds < preset.worlds:  # a smoke test
         preset = replace(preset, ppo=replace(preset.ppo, horizon=min(config.steps, preset.ppo.horizon)))
+        batch = max(64, preset.ase.batch * config.worlds // preset.worlds)
+        preset = replace(preset, ase=replace(preset.ase, batch=batch))
     preset = replace(preset, worlds=config.worlds, cat=cat, ase=replace(preset.ase, discriminator=disc))
     preset = replace(preset, coverage_every=0)  # at some numbers of worlds it would fall into every measured iteration
     library = MotionLibrary(made_up_clips(spec, config.clips), device=device)
@@ -132,7 +134,7 @@ def bench_train(
         **_facts(trainer.env, robot, device),
         "method": f"{disc}{'-cat' if cat else ''}",
         **_rates(trainer.samples_per_iteration, loops, bare),
-        "shares": _train_shares(trainer, max(1, config.rounds // 3), wait),
+        "shares": _train_shares(trainer, max(1, len(loops) // 3), wait),
     }
 
 
@@ -194,14 +196,14 @@ def _rates(samples: int, loops: list[float], bare: list[float]) -> dict[str, flo
     }
 
 
-def _sim_shares(env: LeggedEnv, config: BenchConfig, wait: Callable[[], None]) -> dict[str, float]:
+def _sim_shares(env: LeggedEnv, steps: int, rounds: int, wait: Callable[[], None]) -> dict[str, float]:
     watch = Stopwatch(wait)
     parts = {"step": "constraints, ends of episodes", "reset": "resets", "observe": "observations", "_reward": "rewards"}
     for method, name in {**parts, "_read": "state", "_push": "pushes", "_resample": "commands"}.items():
         watch.watch(env, method, name)
     watch.watch(env.physics, "step", "physics")
-    for _ in range(max(1, config.rounds // 2)):
-        _loop(env, _actions(env, config.steps))
+    for _ in range(rounds):
+        _loop(env, _actions(env, steps))
     return watch.shares()
 
 

@@ -1,7 +1,7 @@
 """Work in jobs of its own, on this machine or on a cluster: as many at a time as wanted, and none stops the others.
 
-On `submitit <https://github.com/facebookincubator/submitit>`_, an optional dependency. Its job files are its own and are
-never read here: what a job did is seen in what it left.
+On `submitit <https://github.com/facebookincubator/submitit>`_, an optional dependency. The pickles by which it hands over
+a call are deleted with the job's end; its output stays. What a job did is seen in what it left.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from typing import Any
 from lacoloco.pipelines.errors import StageError
 
 EXECUTORS = ("local", "slurm")
+TIMEOUT_MIN = 24 * 60
+"""Minutes after which a job is ended; ``--slurm time=MINUTES`` gives others. A training then goes on when asked again."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,7 @@ def make_executor(kind: str, folder: Path, options: Mapping[str, Any] | None = N
         raise StageError("--executor: submitit is missing; pip install 'lacoloco[cluster]'") from error
     try:
         executor = submitit.AutoExecutor(folder=folder, cluster=kind)
-        # A training takes as long as it takes; Slurm's partitions have limits of their own.
-        executor.update_parameters(timeout_min=7 * 24 * 60)
+        executor.update_parameters(timeout_min=TIMEOUT_MIN)
         executor.update_parameters(**{f"slurm_{name}": value for name, value in (options or {}).items()})
     except (RuntimeError, NameError, ValueError) as error:
         raise StageError(f"--executor {kind}: {' '.join(str(error).split())}") from error
@@ -77,22 +78,41 @@ def run_jobs(
         jobs: name -> arguments.
         at_once: at most so many are submitted and not yet ended.
         poll_s: seconds between two looks.
+
+    Raises:
+        StageError: a job is not accepted.
     """
     waiting, running = list(jobs), {}
     try:
         while waiting or running:
             while waiting and len(running) < at_once:
                 name = waiting.pop(0)
-                running[name] = (time.monotonic(), executor.submit(work, *jobs[name]))
+                running[name] = (time.monotonic(), _submit(executor, work, jobs[name]))
             time.sleep(poll_s)
             for name, (begin, job) in list(running.items()):
                 if job.done():
                     del running[name]
-                    yield Ended(name, time.monotonic() - begin, _error(job), str(job.paths.folder / job.job_id))
+                    ended = Ended(name, time.monotonic() - begin, _error(job), str(job.paths.folder / job.job_id))
+                    _forget(job)
+                    yield ended
     finally:
         # Whoever stops this by Ctrl-C wants an end of it; what the jobs did so far is in their checkpoints.
         for _, job in running.values():
             job.cancel()
+            _forget(job)
+
+
+def _submit(executor: Any, work: Callable[..., None], arguments: Sequence[Any]) -> Any:
+    try:
+        return executor.submit(work, *arguments)
+    except Exception as error:  # whatever the cluster's own commands have against it
+        reason = " ".join(str(error).split())
+        raise StageError(f"the job was not accepted: {reason}; see --slurm") from error
+
+
+def _forget(job: Any) -> None:
+    for pickled in (job.paths.submitted_pickle, job.paths.result_pickle):
+        pickled.unlink(missing_ok=True)
 
 
 def _error(job: Any) -> str:

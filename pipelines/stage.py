@@ -73,6 +73,8 @@ class StageContext:
     """`"cpu"` (mujoco.batch) or `"cuda"` (MuJoCo Warp)."""
     resume: bool = False
     """Continue the newest unfinished version of the stage."""
+    checkpoint: Path | None = None
+    """Begin a training where this checkpoint, perhaps of another machine, left off."""
     command: str = ""
     """The command line as typed; recorded in the artifact."""
     progress: Progress = SILENT

@@ -25,7 +25,7 @@ from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import begin, remove_checkpoints, train
+from lacoloco.pipelines.training import begin, describe, remove_checkpoints, train
 from lacoloco.pipelines.worlds import perhaps_any
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -103,16 +103,18 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     artifact, policies = load_policies(low, "low", device=context.device)
     spec = load_robot(artifact.robot)
     method = artifact.metadata["method"]
-    directory = begin(context, "train-high", f"{method}-seed{context.seed}")
+    directory = begin(context, "train-high", method)
     seed = parallel.own_seed(context.seed)
     trainer = HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
+    description = describe("train-high", method, context.seed)
     metrics = train(
         trainer,
         trainer.iterations,
         directory.path,
         context,
-        f"train-high {method} seed {context.seed}",
+        description,
         SHOWN,
+        config=asdict(config),
         warn=high_level_warnings,
     )
     if parallel.rank():

@@ -36,7 +36,7 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
 from lacoloco.pipelines.sim.tasks import imitate_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import begin, has_checkpoint, remove_checkpoints, train
+from lacoloco.pipelines.training import begin, describe, has_checkpoint, remove_checkpoints, train
 from lacoloco.pipelines.warm_start import clip_states, infer_actions, previous_actions
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -146,7 +146,7 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     mine = shared(config)
     clips, spec = load_motions(motions)
     method = f"{config.ase.discriminator}{'-cat' if config.cat else ''}"
-    directory = begin(context, "train-low", f"{method}-seed{context.seed}")
+    directory = begin(context, "train-low", method)
     shares = dict(config.skill_shares)
     library = MotionLibrary(
         clips, context.device, weighting="skill" if shares else "duration", skill_shares=shares or None
@@ -156,13 +156,15 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     if config.warm_start and not has_checkpoint(directory.path):
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
         trainer.warm_start()
+    description = describe("train-low", method, context.seed)
     metrics = train(
         trainer,
         trainer.iterations,
         directory.path,
         context,
-        f"train-low {method} seed {context.seed}",
+        description,
         SHOWN,
+        config=asdict(config),
         warn=low_level_warnings,
     )
     if parallel.rank():

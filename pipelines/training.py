@@ -13,12 +13,14 @@ from typing import Any, Protocol
 import torch
 
 from lacoloco.datasets.artifact import read_artifact, write_artifact
+from lacoloco.datasets.atomic_write import write_file
 from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.datasets.store import StageDir
 from lacoloco.pipelines.diagnosis import Figures
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.stage import StageContext
 
+CHECKPOINT = "lacoloco/checkpoint"
 CHECKPOINT_SECONDS = 60.0
 INDIVIDUAL = ("env", "latent", "latents", "draw")
 """Parts of a trainer's state that every process of a training has for itself: its worlds and its generators."""
@@ -39,11 +41,25 @@ class Trainer(Protocol):
         """Restore :meth:`state_dict`."""
 
 
-def begin(context: StageContext, stage: str, label: str) -> StageDir:
-    """Open a training's working directory; of several processes the first one does so, the others only learn its name."""
-    opened = None
+def describe(stage: str, method: str, seed: int) -> str:
+    """What the training of one method and seed is called, in its log and while it runs."""
+    return f"{stage} {method} seed {seed}"
+
+
+def begin(context: StageContext, stage: str, method: str) -> StageDir:
+    """Open a training's working directory, with the checkpoint to go on from if there is one.
+
+    Of several processes the first one does so, the others only learn its name.
+
+    Raises:
+        ArtifactError: the directory cannot be opened, or another process is at work in it.
+    """
+    opened, label = None, f"{method}-seed{context.seed}"
     if parallel.rank() == 0:
         opened = context.store.begin(context.run, stage, resume=context.resume, label=label)
+        place = checkpoint_path(opened.path, describe(stage, method, context.seed))
+        if context.checkpoint is not None and not place.exists():
+            write_file(place, context.checkpoint.read_bytes())
     path, final = parallel.from_first(opened and (opened.path, opened.final))
     return opened or StageDir(path, final, label)
 
@@ -81,7 +97,7 @@ def train(
     Raises:
         KeyboardInterrupt: after the checkpoint was written.
     """
-    checkpoint = directory / f"{description.replace(' ', '-')}.checkpoint.h5"
+    checkpoint = checkpoint_path(directory, description)
     start, elapsed, figures = _restore(trainer, checkpoint, context.seed)
     parallel.wait_for_all()
     first = parallel.rank() == 0
@@ -112,6 +128,11 @@ def train(
         _save(trainer, checkpoint, iterations, seconds, figures, context, config or {})
     speed = {"samples": total, "seconds": seconds, "samples_per_second": total / max(seconds, 1e-9)}
     return figures | speed | {"warnings": warnings}
+
+
+def checkpoint_path(directory: Path, description: str) -> Path:
+    """Where a training's checkpoint lies in its stage's directory."""
+    return directory / f"{description.replace(' ', '-')}.checkpoint.h5"
 
 
 def has_checkpoint(directory: Path) -> bool:
@@ -216,7 +237,7 @@ def _save(
     }
     write_artifact(
         path,
-        "lacoloco/checkpoint",
+        CHECKPOINT,
         arrays,
         metadata=metadata,
         config=config,
@@ -230,7 +251,7 @@ def _save(
 def _restore(trainer: Trainer, path: Path, seed: int) -> tuple[int, float, dict[str, float]]:
     if not path.exists():
         return 0, 0.0, {}
-    artifact = read_artifact(path, "lacoloco/checkpoint")
+    artifact = read_artifact(path, CHECKPOINT)
     state = unflatten_state(artifact.arrays, artifact.metadata["structure"])
     iteration = int(artifact.metadata["iteration"])
     if parallel.rank() == 0 and artifact.metadata.get("processes", 1) == parallel.size():

@@ -173,6 +173,39 @@ def test_misspelt_key_and_preset_are_refused_before_anything_is_done(tmp_path, v
 
 
 @pytest.mark.slow
+def test_a_training_goes_on_elsewhere_from_one_file(chain, monkeypatch, tmp_path):
+    from lacoloco.pipelines import training
+    from lacoloco.pipelines.train_low import LowTrainer
+
+    real, calls = LowTrainer.iterate, []
+
+    def interrupt_the_third(trainer, progress):
+        calls.append(progress)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return real(trainer, progress)
+
+    monkeypatch.setattr(LowTrainer, "iterate", interrupt_the_third)
+    monkeypatch.setattr(training, "CHECKPOINT_SECONDS", -1.0)
+    motions = str(chain.store.newest("tiny", "generate"))
+    typed = ("train-low", "--run", "here", "--seed", "6", "--disc", "gan", "--motions", motions)
+    assert chain.invoke(*typed, *SMOKE).exit_code == 130
+    (left,) = chain.store.partials("here", "train-low")
+    (checkpoint,) = left.path.glob("*.checkpoint.h5")
+    monkeypatch.setattr(LowTrainer, "iterate", real)
+
+    there = Chain(tmp_path / "runs")
+    answer = there.answer("train-low", "--run", "there", "--motions", motions, "--checkpoint", str(checkpoint))
+    assert (answer["seed"], answer["method"], answer["samples"]) == (6, "gan-cat", 16 * 8 * 3)
+    made = there.store.newest("there", "train-low")
+    assert len((made.parent / "metrics.jsonl").read_text().splitlines()) == 1, "two of three were done"
+    straight = chain.answer(*typed[:2], "straight", *typed[3:], *SMOKE)
+    assert answer["discriminator"] == straight["discriminator"]
+    refused = there.invoke("train-high", "--run", "there", "--checkpoint", str(checkpoint))
+    assert refused.exit_code == 2 and "no checkpoint of train-high" in refused.stderr
+
+
+@pytest.mark.slow
 def test_interrupted_training_goes_on_where_it_stopped(chain, monkeypatch):
     from lacoloco.pipelines.train_low import LowTrainer
 

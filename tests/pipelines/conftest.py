@@ -1,3 +1,8 @@
+import os
+import socket
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -6,6 +11,33 @@ from lacoloco.datasets import rotations
 from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.robots.registry import load_robot, robot_names
+
+
+class Processes:
+    """Scripts in several processes that find each other the way torchrun's do."""
+
+    def start(self, script, count, *arguments):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = str(free.getsockname()[1])
+        shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": str(count)}
+        command = [sys.executable, script, *arguments]
+        return [
+            subprocess.Popen(command, env={**os.environ, **shared, "RANK": rank, "LOCAL_RANK": rank})
+            for rank in map(str, range(count))
+        ]
+
+    def wait(self, running):
+        return [process.wait(timeout=900) for process in running]
+
+    def results(self, path, count):
+        """What each process saved under the path and its number."""
+        return [torch.load(f"{path}.{rank}", weights_only=False) for rank in range(count)]
+
+
+@pytest.fixture
+def processes():
+    return Processes()
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import cloudpickle
 import pytest
@@ -38,7 +39,8 @@ def test_a_killed_job_and_a_failing_one_leave_the_others_alone(tmp_path):
     assert errors["killed"]
     assert "no such luck" in errors["failing"]
     assert (tmp_path / "first").exists() and (tmp_path / "second").exists()
-    assert list(tmp_path.glob("jobs/*")), "submitit's own files are where they were wanted"
+    left = {path.suffix for path in (tmp_path / "jobs").rglob("*") if path.is_file()}
+    assert ".err" in left and ".pkl" not in left, "what was said stays, no pickle does"
 
 
 class Executor:
@@ -59,7 +61,10 @@ class Job:
 
     def __init__(self, arguments):
         self.arguments, self.looks, self.cancelled = arguments, 0, False
-        self.paths = type("Paths", (), {"folder": Path("there")})
+        nothing = Path("no_such.pkl")
+        self.paths = SimpleNamespace(
+            folder=Path("there"), submitted_pickle=nothing, result_pickle=nothing
+        )
 
     def done(self):
         self.looks += 1
@@ -89,6 +94,17 @@ def test_whoever_stops_waiting_ends_the_jobs():
     next(looking)
     looking.close()
     assert [job.cancelled for job in executor.alive[1:]] == [False, True]
+
+
+def test_a_job_that_is_not_accepted_is_one_line(monkeypatch):
+    executor = Executor()
+
+    def refuse(work):
+        raise RuntimeError("sbatch: error: invalid\n partition")
+
+    executor.submit = refuse
+    with pytest.raises(StageError, match="sbatch: error: invalid partition; see --slurm"):
+        next(run_jobs(executor, leave, {"a": ()}, at_once=1))
 
 
 def test_an_executor_that_does_not_exist_is_refused(tmp_path, monkeypatch):

@@ -5,14 +5,20 @@ states, and quantities that an error cannot grow in.
 """
 
 import math
+from dataclasses import replace
 
 import mujoco
 import pytest
 import torch
 
+from lacoloco.datasets import published
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.experts import clean
+from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.engines import make_physics
+from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import PhysicsRequest, WorldParameters
+from lacoloco.pipelines.sim.tasks import walk_task
 
 pytest.importorskip("mujoco_warp", reason="needs MuJoCo Warp: pip install 'lacoloco[gpu]'")
 pytestmark = pytest.mark.slow
@@ -231,6 +237,32 @@ def test_state_dict_goes_on_bit_for_bit(warp):
     hold(warp, 6, STANDING - 0.2)
     for tensor, wanted in zip((warp.qpos, warp.qvel, warp.foot_force), expected, strict=True):
         assert torch.equal(tensor, wanted)
+
+
+def returns(spec, physics, policy, steps=75):
+    """(N,) returns of the walking task; the same seed gives the same starts, commands and worlds."""
+    task = replace(clean(walk_task(spec)), episode_s=60.0)
+    env = LeggedEnv(spec, task, physics.num_worlds, seed=5, physics=physics)
+    total = torch.zeros(physics.num_worlds)
+    alive = torch.ones(physics.num_worlds, dtype=torch.bool)
+    for _ in range(steps):
+        step = env.step(policy(env.observe()))
+        alive &= ~step.fell
+        total += step.reward * alive
+    return total
+
+
+def test_the_same_policy_earns_the_same_on_both_engines(both, solo12):
+    """The published walking expert, world by world from equal starts: it corrects what the engines do differently."""
+    _, policies = load_policies(published.find("solo12-experts"), "walk")
+    warp, native = (returns(solo12, physics, policies["walk"]) for physics in both(solo12, 16))
+    standard_error = float(native.std()) / len(native) ** 0.5
+    assert abs(float(warp.mean() - native.mean())) < 2.0 * standard_error
+    # Pairs tell more: no world may earn much more on one engine, which the spread between worlds would hide.
+    difference = warp - native
+    assert float(difference.abs().mean()) < 0.1 * float(native.std())
+    (idle,) = (returns(solo12, physics, lambda obs: torch.zeros(16, 12)) for physics in both(solo12, 16)[1:])
+    assert float((idle - native).abs().mean()) > 0.5 * float(native.std()), "a policy matters"
 
 
 @pytest.mark.parametrize(
