@@ -49,7 +49,7 @@ class TrackedMotion:
 
     @property
     def failed(self) -> np.ndarray:
-        """(T,) bool: no solution was found; the pose is a blend of its neighbours'."""
+        """(T,) bool: no solution was found; the pose is the next best, made from its neighbours."""
         return np.isnan(self.cost)
 
 
@@ -172,9 +172,14 @@ class PoseProblem:
         warm = self._warm.solve(guess, parameters, near)
         return warm or self._cold.solve(np.r_[guess[:6], self._neutral], parameters)
 
-    def _neutral_guess(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def neutral_pose(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position (3,), quaternion (4,) and joints (J,) of the neutral pose, moved to a target."""
         position, quat = rigid_fit(self._neutral_points, target[None])
-        return np.concatenate([position[0], np.zeros(3), self._neutral]), quat[0]
+        return position[0], quat[0], self._neutral
+
+    def _neutral_guess(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        position, quat, joints = self.neutral_pose(target)
+        return np.concatenate([position, np.zeros(3), joints]), quat
 
 
 def pose_program(spec: RobotSpec, posture_weight: float) -> Program:
