@@ -69,10 +69,23 @@ def bench_retarget(
     ] = None,
     robot: Robot = "solo12",
 ) -> None:
-    """Retargeting on one core, next to a program built anew for every frame."""
-    from lacoloco.pipelines.retargeting.bench import bench_retarget as measure
+    """Retargeting on one core: speed, what both modes make of the files, what they must show."""
+    from lacoloco.pipelines.retargeting import bench
+    from lacoloco.pipelines.retargeting.sources import find_recordings
 
-    _show(session, {"robot": robot, **measure(robot, sources or ())})
+    files = find_recordings(sources) if sources else []
+    speed = bench.bench_retarget(robot, files)
+    rows = bench.compare_modes(robot, files)
+    starts = bench.other_starts(robot, files)
+    verdicts = bench.verdicts(rows, {**speed, **starts})
+    figures = {"robot": robot, **speed, **starts}
+
+    def show() -> None:
+        console.print_table(["figure", "value"], list(figures.items()))
+        console.print_table(list(rows[0]), [list(row.values()) for row in rows])
+        console.print_table(list(verdicts[0]), [list(row.values()) for row in verdicts])
+
+    session.answer({**figures, "files": rows, "verdicts": verdicts}, show)
 
 
 @verb(app, "gpu", shared=IN_A_RUN)

@@ -33,8 +33,12 @@ COARSE = 10.0
 """frames/s of the first solution."""
 LONGEST, LOOK_AHEAD, KEPT = 2000, 60, 3
 """Frames of a stretch; beyond its end that are solved with it; at its start that are fixed."""
+SHORTEST = 90
+"""Frames; a shorter stretch is not halved when it does not converge."""
 SPEED_SHARE = 0.98
 """Share of the motors' speed that is used."""
+MOST_MENDED = 0.01
+"""rad by which a joint may move, three times, to put a foot where it belongs."""
 STRAIGHTEST, TIGHTEST = 0.1, 2.9
 """rad between which a knee bends; it never changes sides."""
 
@@ -81,8 +85,11 @@ class ClipProblem:
 
     def track(
         self, targets: Targets, fps: float, on_frame: Callable[[int], None] = lambda done: None
-    ) -> TrackedMotion | None:
+    ) -> TrackedMotion:
         """Solve a clip.
+
+        A stretch that does not converge is halved; what is left of it in the end keeps the guess,
+        a smooth trunk on legs that reach for their feet, between neighbours that were solved.
 
         Args:
             targets: What to follow.
@@ -90,20 +97,29 @@ class ClipProblem:
             on_frame: Told the number of frames done.
 
         Returns:
-            The motion, or None when Ipopt does not converge.
+            The motion; `failed` where it is the guess.
         """
         clip = self._stretch(targets, fps)
-        done = np.empty_like(clip.guess)
-        for start in range(0, len(done), LONGEST):
-            first, stop = max(start - KEPT, 0), min(start + LONGEST, len(done))
+        done, failed = np.empty_like(clip.guess), np.zeros(len(clip.guess), dtype=bool)
+        starts = range(0, len(done), LONGEST)
+        pending = [(start, min(start + LONGEST, len(done))) for start in reversed(starts)]
+        while pending:
+            start, stop = pending.pop()
+            first = max(start - KEPT, 0)
             part = _part(clip, first, min(stop + LOOK_AHEAD, len(done)), done[first:start])
             solution = self._solve(part, fps)
+            if solution is None and stop - start > SHORTEST:
+                middle = (start + stop) // 2
+                pending += [(middle, stop), (start, middle)]
+                continue
             if solution is None:
-                return None
+                solution, failed[start:stop] = part.guess, True
             done[start:stop] = solution[start - first : stop - first]
             on_frame(stop)
+        done = self._mended(done, clip)
         cost = np.array(self._functions.cost(done.T, clip.parameters.T))[0]
         quat = rotations.multiply(clip.parameters[:, :4], _turn_quaternion(done[:, TURN]))
+        cost[failed] = np.nan
         return TrackedMotion(done[:, POSITION], quat, done[:, JOINTS], cost)
 
     def _solve(self, stretch: Stretch, fps: float) -> np.ndarray | None:
@@ -118,6 +134,20 @@ class ClipProblem:
                 columns = [np.interp(frames, frames[::stride], column) for column in found.T]
                 stretch = replace(stretch, guess=np.stack(columns, axis=1))
         return solve_stretch(self._functions, stretch, self._smoothness_at(fps))
+
+    def _mended(self, variables: np.ndarray, clip: Stretch) -> np.ndarray:
+        """Put the feet exactly where they are planted, or onto their floor, by their legs alone."""
+        mended, columns = variables.copy(), self._functions.feet
+        lower, upper = (bound[:, columns] for bound in clip.value_bounds)
+        lowest, highest = (bound[:, JOINTS] for bound in clip.variable_bounds)
+        reference = clip.parameters[:, :4]
+        for _ in range(3):
+            feet = np.array(self._functions.values(mended.T, clip.parameters.T)).T[:, columns]
+            wanted = np.clip(feet, lower, upper)
+            step = np.array(self._functions.foot_step(mended.T, reference.T, wanted.T)).T
+            step = np.clip(step, -MOST_MENDED, MOST_MENDED)
+            mended[:, JOINTS] = np.clip(mended[:, JOINTS] + step, lowest, highest)
+        return mended
 
     def _smoothness_at(self, fps: float) -> np.ndarray:
         """Weights of squared third differences, which shrink with the cube of the frame's time."""

@@ -43,7 +43,9 @@ class FrameFunctions:
         self.heights = slice(3 * len(feet), values.numel())
         self.knees, self.hips = len(knees), len(hips)
         self._derive(x, parameters, cost, values)
-        self.leg_step = _leg_step(x, reference, ca.vertcat(*feet), spec)
+        at = (x, reference, ca.vertcat(*feet), spec)
+        self.leg_step = _leg_step(*at, posture=0.03, damping=1e-5)
+        self.foot_step = _leg_step(*at, posture=0.0, damping=1e-7)
 
     def _derive(self, x: ca.SX, parameters: ca.SX, cost: ca.SX, values: ca.SX) -> None:
         self.parameters, self.values_count = parameters.numel(), values.numel()
@@ -62,11 +64,15 @@ class FrameFunctions:
         self.jacobian_sparsity, self.hessian_sparsity = jacobian.sparsity(), hessian.sparsity()
 
 
-def _leg_step(x: ca.SX, reference: ca.SX, feet: ca.SX, spec: RobotSpec) -> ca.Function:
-    """Gauss-Newton step (J,) of the joints towards feet (3 F,), the base held; for guesses."""
+def _leg_step(
+    x: ca.SX, reference: ca.SX, feet: ca.SX, spec: RobotSpec, *, posture: float, damping: float
+) -> ca.Function:
+    """Gauss-Newton step (J,) of the joints towards feet (3 F,) and neutral pose, the base held."""
     targets, joints = ca.SX.sym("feet", feet.numel()), x[JOINTS]
-    residual = ca.vertcat(feet - targets, 0.03 * (joints - ca.DM(spec.retarget_neutral)))
+    residual = feet - targets
+    if posture:
+        residual = ca.vertcat(residual, posture * (joints - ca.DM(spec.retarget_neutral)))
     jacobian = ca.jacobian(residual, joints)
-    normal = jacobian.T @ jacobian + 1e-5 * ca.SX.eye(joints.numel())
+    normal = jacobian.T @ jacobian + damping * ca.SX.eye(joints.numel())
     step = -ca.solve(normal, jacobian.T @ residual)
     return ca.Function("leg_step", [x, reference, targets], [step])

@@ -10,7 +10,7 @@ keeps the exact Hessian short.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -25,6 +25,13 @@ from lacoloco.robots.spec import RobotSpec
 
 POSITION, TURN, JOINTS = slice(0, 3), slice(3, 6), slice(6, None)
 """Parts of the variables of one frame."""
+
+JUMP = 0.2
+"""rad by which a joint misses where it was going, from which the frame counts as a jump."""
+CHECKED = 240
+"""Frames between those that are solved from other starts."""
+BETTER = 1e-8
+"""m^2 from which a cost counts as lower."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,7 @@ class TrackedMotion:
 
     @property
     def failed(self) -> np.ndarray:
-        """(T,) bool: no solution was found; the pose is a blend of its neighbours'."""
+        """(T,) bool: no solution was found; the pose is the next best, made from its neighbours."""
         return np.isnan(self.cost)
 
 
@@ -68,6 +75,8 @@ class PoseProblem:
         if not spec.keypoints:
             raise StageError(f"robot '{spec.name}' has no keypoints; add them to its RobotSpec")
         self._neutral = np.array(spec.retarget_neutral)
+        spread = np.random.default_rng(0).normal(0.0, 0.5, (1, spec.num_joints))
+        self._shifts = [np.zeros(spec.num_joints), *spread]
         positions = kinematics.BodyPositions(spec.pinocchio_model(), tuple(spec.keypoints.values()))
         upright = np.array([[1.0, 0.0, 0.0, 0.0]])
         self._neutral_points = positions(np.zeros((1, 3)), upright, self._neutral[None])[0]
@@ -78,6 +87,10 @@ class PoseProblem:
         self, targets: np.ndarray, on_frame: Callable[[int], None] = lambda done: None
     ) -> TrackedMotion:
         """Follow targets through a clip, each frame from where the frames before it lead.
+
+        A minimum that is followed may be overtaken by another one before it ends in a jump. So what
+        a jump leads to is followed back in time, and what precedes it onward, as far as it is
+        better; now and then a frame is solved from elsewhere, too.
 
         Args:
             targets: (T, K, 3) m, in the order of the robot's keypoints.
@@ -100,7 +113,57 @@ class PoseProblem:
             earlier, before = before, solution
             found.append(solution)
             on_frame(index + 1)
+        for frame in (*_jumps(found), *self._from_elsewhere(targets, found, quats)):
+            for way in (-1, 1):
+                self._spread(targets, found, quats, frame, way)
         return _motion(found, quats)
+
+    def _from_elsewhere(
+        self, targets: np.ndarray, found: list[Solution | None], quats: np.ndarray
+    ) -> Iterator[int]:
+        """Solve some frames from other starts; gives those where that is better."""
+        frames = range(0, len(targets), CHECKED)
+        for frame in sorted({*frames, len(targets) - 1}):
+            for shift in self._shifts:
+                guess, quat = self._neutral_guess(targets[frame])
+                guess[JOINTS] += shift
+                parameters = np.concatenate([quat, targets[frame].ravel()])
+                if self._improve(found, quats, frame, self._cold.solve(guess, parameters), quat):
+                    yield frame
+
+    def _spread(
+        self,
+        targets: np.ndarray,
+        found: list[Solution | None],
+        quats: np.ndarray,
+        frame: int,
+        way: int,
+    ) -> None:
+        """Follow the solution of a frame forth (1) or back (-1) while it is better."""
+        better = True
+        while better and found[frame] is not None and 0 <= frame + way < len(targets):
+            near, quat = found[frame], quats[frame]
+            frame += way
+            parameters = np.concatenate([quat, targets[frame].ravel()])
+            guess = _continued(near.variables, None)
+            better = self._improve(
+                found, quats, frame, self._warm.solve(guess, parameters, near), quat
+            )
+
+    def _improve(
+        self,
+        found: list[Solution | None],
+        quats: np.ndarray,
+        frame: int,
+        solution: Solution | None,
+        quat: np.ndarray,
+    ) -> bool:
+        """Take a solution on top of `quat` where it is better than what was found."""
+        before = found[frame]
+        if solution is None or before is None or solution.cost > before.cost - BETTER:
+            return False
+        found[frame], quats[frame] = solution, _turned(quat, solution.variables[TURN])
+        return True
 
     def _solve(
         self, target: np.ndarray, guess: np.ndarray, quat: np.ndarray, near: Solution | None
@@ -109,9 +172,14 @@ class PoseProblem:
         warm = self._warm.solve(guess, parameters, near)
         return warm or self._cold.solve(np.r_[guess[:6], self._neutral], parameters)
 
-    def _neutral_guess(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def neutral_pose(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position (3,), quaternion (4,) and joints (J,) of the neutral pose, moved to a target."""
         position, quat = rigid_fit(self._neutral_points, target[None])
-        return np.concatenate([position[0], np.zeros(3), self._neutral]), quat[0]
+        return position[0], quat[0], self._neutral
+
+    def _neutral_guess(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        position, quat, joints = self.neutral_pose(target)
+        return np.concatenate([position, np.zeros(3), joints]), quat
 
 
 def pose_program(spec: RobotSpec, posture_weight: float) -> Program:
@@ -148,6 +216,15 @@ def _continued(now: np.ndarray, before: np.ndarray | None) -> np.ndarray:
     guess = 2 * now - before
     guess[TURN] = now[TURN]
     return guess
+
+
+def _jumps(found: Sequence[Solution | None]) -> list[int]:
+    """Frames before and after which a joint goes elsewhere than it was about to."""
+    known = [solution.variables[JOINTS] for solution in found if solution is not None]
+    if len(known) < max(len(found), 3):
+        return []  # a frame without a solution is a gap, and blended
+    change = np.abs(np.diff(np.array(known), 2, axis=0)).max(1)
+    return sorted({int(f) + k for f in np.flatnonzero(change > JUMP) for k in (0, 1, 2)})
 
 
 def _turned(quat: np.ndarray, turn: np.ndarray) -> np.ndarray:

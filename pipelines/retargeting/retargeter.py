@@ -164,13 +164,14 @@ class Retargeter:
         """Motion, lift (T, 3) onto the ground, and number of frames without a solution."""
         if self._clips is not None:
             motion = self._clips.track(targets, fps, on_frame)
-            if motion is not None:
-                return motion, np.zeros_like(motion.root_pos), 0
-            say("the program of the whole clip did not converge; solved frame by frame instead")
-        motion = self._poses.track(targets.points, on_frame)
-        points = self._positions(motion.root_pos, motion.root_quat, motion.joint_pos)
-        lift = ground_lift(points[:, len(self.spec.keypoints) :, 2], self._radius, fps)
-        failures = len(lift) if self._clips is not None else int(motion.failed.sum())
+            lift = np.zeros_like(motion.root_pos)
+        else:
+            motion = self._poses.track(targets.points, on_frame)
+            points = self._positions(motion.root_pos, motion.root_quat, motion.joint_pos)
+            lift = ground_lift(points[:, len(self.spec.keypoints) :, 2], self._radius, fps)
+        failures = int(motion.failed.sum())
+        if failures:
+            say(f"{failures} of {len(lift)} frames were not solved; they follow from the others")
         return motion, lift, failures
 
 

@@ -29,6 +29,8 @@ FLOAT32 = 0x17
 """Extension type of meshcat's messages for an array of single-precision numbers."""
 TRACE, TARGET, BONES = 0x2A6FDB, 0xD7263D, 0x7A5C3E
 """Colours of the end effector's trace, the target and the animal."""
+JOINT, ASIDE = 0.02, 0.5
+"""m: size of the animal's joints, and how far to the left of the robot it walks when not over it."""
 
 
 def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> str:
@@ -94,6 +96,8 @@ def _extras(index: int, recording: Recording, reached: np.ndarray) -> list[scene
         commands.append(scene.marker_command(f"{root}/target", 0.02, TARGET))
     if recording.skeleton is not None:
         commands.append(scene.segments_command(f"{root}/bones", len(recording.bones), BONES))
+        count = recording.skeleton.shape[1]
+        commands.append(scene.points_command(f"{root}/joints", count, BONES, JOINT))
     return commands
 
 
@@ -154,7 +158,10 @@ def _player_data(recording: Recording, reached: np.ndarray) -> dict[str, Any]:
         data["contacts"] = recording.contacts.astype(int).tolist()
     if recording.skeleton is not None:
         points = np.ascontiguousarray(recording.skeleton, dtype="<f4").tobytes()
+        left = rotations.rotate(recording.root_quat, np.array([0.0, 1.0, 0.0]))[:, :2]
+        left = smooth(left, 0.3 * recording.fps)
         data |= {"skeleton": base64.b64encode(points).decode(), "bones": recording.bones}
+        data["aside"] = _rounded(ASIDE * left / np.linalg.norm(left, axis=1, keepdims=True))
     return data
 
 

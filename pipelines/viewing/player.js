@@ -1,5 +1,6 @@
 // The player beside meshcat's viewer: chooses a recording, seeks its animation, and writes down what
-// holds at the frame that is shown. The address takes #recording=N&t=SECONDS (which pauses).
+// holds at the frame that is shown. The address takes #recording=N&t=SECONDS (which pauses) and
+// &animal=over|beside|hidden.
 "use strict";
 (() => {
   const { scene, recordings, feet } = window.PLAYBACK;
@@ -24,7 +25,7 @@
     recordings.forEach((_, i) => viewer.set_property(["world", `recording${i}`], "visible", i === index));
     viewer.handle_command_bytearray(bytes(recording.animation));
     skeleton = recording.skeleton ? new Float32Array(bytes(recording.skeleton).buffer) : null;
-    byId("animal-choice").hidden = !skeleton;
+    byId("animal").hidden = !skeleton;
     byId("scrubber").max = recording.frames - 1;
     byId("choice").value = index;
   }
@@ -88,16 +89,21 @@
   }
 
   function drawBones(recording, frame) {
-    const positions = node(`world/recording${current}/bones/<object>`).object.geometry.attributes.position;
-    const width = skeleton.length / recording.frames;
-    recording.bones.flat().forEach((point, i) => {
-      const start = frame * width + 3 * point;
-      positions.setXYZ(i, skeleton[start], skeleton[start + 1], skeleton[start + 2]);
-    });
-    positions.needsUpdate = true;
-    const bones = node(`world/recording${current}/bones/<object>`).object;
-    bones.frustumCulled = false;
-    bones.visible = byId("animal").checked;
+    const where = byId("animal").value, width = skeleton.length / recording.frames;
+    const [x, y] = where === "beside" ? recording.aside[frame] : [0, 0];
+    const place = (name, points) => {
+      const drawn = node(`world/recording${current}/${name}/<object>`).object;
+      const positions = drawn.geometry.attributes.position;
+      points.forEach((point, i) => {
+        const start = frame * width + 3 * point;
+        positions.setXYZ(i, skeleton[start] + x, skeleton[start + 1] + y, skeleton[start + 2]);
+      });
+      positions.needsUpdate = true;
+      drawn.frustumCulled = false;
+      drawn.visible = where !== "hidden";
+    };
+    place("bones", recording.bones.flat());
+    place("joints", Array.from({ length: width / 3 }, (_, point) => point));
   }
 
   function tick() {
@@ -121,6 +127,7 @@
   document.onkeydown = (event) => { if (event.key === " " && event.target === document.body) toggle(); };
 
   const asked = new URLSearchParams(location.hash.slice(1));
+  if (asked.has("animal")) byId("animal").value = asked.get("animal");
   choose(Math.min(Number(asked.get("recording") || 0), recordings.length - 1));
   if (asked.has("t")) seek(Number(asked.get("t")));
   tick();

@@ -110,6 +110,15 @@ def segments_command(path: str, count: int, color: int) -> Command:
     return SetObject(segments, None, _path(path)).lower()
 
 
+def points_command(path: str, count: int, color: int, size: float) -> Command:
+    """`count` points of this size, m, all at the origin until they are set."""
+    shade = np.array([color >> 16 & 255, color >> 8 & 255, color & 255], dtype=np.float32) / 255
+    place = np.zeros((3, count), dtype=np.float32)
+    geometry = g.PointsGeometry(place, np.tile(shade[:, None], count))  # the material has no colour
+    points = g.Points(geometry, g.PointsMaterial(size=size))
+    return SetObject(points, None, _path(path)).lower()
+
+
 def pose_matrix(position: Sequence[float], quat: np.ndarray | None = None) -> np.ndarray:
     """Homogeneous matrix (4, 4) of a position, m, and a unit quaternion wxyz."""
     matrix = np.eye(4)

@@ -119,6 +119,8 @@ def test_the_page_says_what_holds_at_each_frame(full, solo12):
     np.testing.assert_allclose(entry["distance"], distance, atol=6e-4)
     skeleton = np.frombuffer(base64.b64decode(entry["skeleton"]), "<f4")
     np.testing.assert_allclose(skeleton.reshape(full.skeleton.shape), full.skeleton, atol=1e-6)
+    aside = np.linalg.norm(entry["aside"], axis=1)
+    np.testing.assert_allclose(aside, pages.ASIDE, atol=2e-3)
 
 
 @pytest.mark.parametrize("name", robot_names())

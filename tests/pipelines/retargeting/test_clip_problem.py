@@ -21,8 +21,11 @@ SPEC = load_robot("solo12")
 MAP = body_map(SPEC)
 LEGS = leg_geometry(SPEC, MAP)
 RADIUS = SPEC.foot_radius()
-POSITIONS = BodyPositions(SPEC.pinocchio_model(), list(SPEC.keypoints.values()))
+POINTS = list(SPEC.keypoints.values())
+POSITIONS = BodyPositions(SPEC.pinocchio_model(), POINTS)
 KNEES = BodyPositions(SPEC.pinocchio_model(), SPEC.knee_frames)
+FEET = BodyPositions(SPEC.pinocchio_model(), SPEC.feet)
+HIPS = BodyPositions(SPEC.pinocchio_model(), [POINTS[i] for i in MAP.hip_columns])
 
 
 @pytest.fixture(scope="module")
@@ -122,14 +125,69 @@ def test_stretches_of_a_long_clip_join_smoothly(problem, trot, monkeypatch):
     parts = problem.track(trot, 60.0, done.append)
     assert done == [50, 100, 120]
     check(parts, trot)
-    np.testing.assert_allclose(parts.joint_pos, whole.joint_pos, atol=0.02)
+    np.testing.assert_allclose(parts.joint_pos, whole.joint_pos, atol=0.05)
     jerk = [np.abs(np.diff(motion.joint_pos, 3, axis=0)).max() for motion in (parts, whole)]
     assert jerk[0] < 1.2 * jerk[1]
 
 
-def test_no_solution_is_none(problem, trot, monkeypatch):
-    monkeypatch.setattr(clip_program, "OPTIONS", {**clip_program.OPTIONS, "ipopt.max_iter": 0})
-    assert problem.track(trot, 60.0) is None
+def test_what_does_not_converge_is_made_up_counted_and_the_rest_solved(problem, trot, monkeypatch):
+    solve = ClipProblem._solve
+
+    def fragile(self, stretch, fps):
+        """Fails wherever frame 70 is part of it."""
+        place = np.abs(stretch.parameters - frame_70).max(1).min()
+        return None if place < 1e-12 else solve(self, stretch, fps)
+
+    frame_70 = problem._stretch(trot, 60.0).parameters[70]
+    monkeypatch.setattr(ClipProblem, "_solve", fragile)
+    monkeypatch.setattr(clip_problem, "SHORTEST", 30)
+    monkeypatch.setattr(clip_problem, "LOOK_AHEAD", 5)
+    motion = problem.track(trot, 60.0)
+    assert motion.failed.tolist() == [60 <= frame < 90 for frame in range(120)]
+    feet = FEET(motion.root_pos, motion.root_quat, motion.joint_pos)
+    gap = feet[..., 2][trot.contacts] - RADIUS
+    assert np.abs(gap).max() < 0.03  # also where nothing was solved
+    assert np.abs(np.diff(motion.joint_pos, axis=0)).max() < 0.5
+
+
+def lying(trot):
+    """Stands, then lies down with its trunk as low as its paws."""
+    frames = 90
+    points = np.tile(trot.points[60], (frames, 1, 1))
+    points[:, MAP.foot_columns, 2] = RADIUS
+    down = np.clip((np.arange(frames) - 20) / 40, 0, 1)[:, None]
+    points[:, MAP.hip_columns, 2] -= 0.25 * down
+    return Targets(points, np.ones((frames, 4), bool), trot.scale)
+
+
+def leaping(trot):
+    """Stands, is in the air for a third of a second, stands."""
+    frames = 90
+    points = np.tile(trot.points[60], (frames, 1, 1))
+    points[:, MAP.foot_columns, 2] = RADIUS
+    flight = np.clip((np.arange(frames) - 35) / 20, 0, 1)
+    points[..., 2] += (0.15 * 4 * flight * (1 - flight))[:, None]
+    contacts = np.repeat(((flight <= 0) | (flight >= 1))[:, None], 4, axis=1)
+    return Targets(points, contacts, trot.scale)
+
+
+def test_an_animal_that_lies_down_lays_no_hip_into_the_ground(problem, trot):
+    targets = lying(trot)
+    motion = problem.track(targets, 60.0)
+    assert not motion.failed.any()
+    check(motion, targets)
+    hips = HIPS(motion.root_pos, motion.root_quat, motion.joint_pos)
+    assert hips[-20:, :, 2].max() < 0.15
+    assert hips[..., 2].min() > ClipWeights().hip_height - 1e-3
+
+
+def test_a_leap_stays_a_leap(problem, trot):
+    targets = leaping(trot)
+    motion = problem.track(targets, 60.0)
+    assert not motion.failed.any()
+    feet = FEET(motion.root_pos, motion.root_quat, motion.joint_pos)
+    assert feet[45, :, 2].min() > RADIUS + 0.1
+    assert (feet[..., 2][targets.contacts] < RADIUS + 1e-3).all()
 
 
 def test_the_assembled_derivatives_are_those_of_casadi(problem, trot):
