@@ -48,7 +48,7 @@ class GenerateConfig:
         lead_in: seconds performed before the recording starts, so that no clip begins with a transient.
     """
 
-    walk: ExpertConfig = field(default_factory=ExpertConfig)
+    walk: ExpertConfig = field(default_factory=lambda: ExpertConfig(samples=3_000_000))
     reach: ExpertConfig = field(default_factory=reach_expert)
     walk_clips: int = 120
     reach_clips: int = 20
