@@ -29,6 +29,7 @@ class Experiment:
         learn_from: those of them whose motions the low level imitates.
         about: one line for a person.
         episodes: at most so many are evaluated; a quickstart does not need the paper's 4096.
+        decisions: at most so many train the high level; a quickstart shows that it works, not how well in the end.
         start_from: names of published policies; the chain begins with the low level of the first that there is.
     """
 
@@ -37,6 +38,7 @@ class Experiment:
     learn_from: tuple[str, ...]
     about: str
     episodes: int = 4096
+    decisions: int | None = None
     start_from: tuple[str, ...] = ()
 
 
@@ -47,6 +49,7 @@ EXPERIMENTS = {
         ("generate",),
         "the whole chain on Solo12 in minutes",
         episodes=1024,
+        decisions=1_000_000,
         start_from=("solo12-synthetic-low", "solo12-synthetic"),
     ),
     "solo12-synthetic": Experiment("solo12", ("generate",), ("generate",), "walking and reaching experts"),
@@ -214,6 +217,8 @@ class _Chain:
             config = replace(config, cat=constrained, ase=replace(config.ase, discriminator=discriminator))
         if verb == "eval":
             config = replace(config, episodes=min(config.episodes, self.experiment.episodes))
+        if verb == "train-high" and self.experiment.decisions is not None:
+            config = replace(config, decisions=min(config.decisions, self.experiment.decisions))
         return config
 
     def _done(self, verb: str, seed: int) -> Path | None:

@@ -45,17 +45,16 @@ class TrainHighConfig:
         reward_scale: factor on the task's reward.
         near: share of the training's targets that lie nearer than the task's; the way there takes most of an episode, and
             only what is left of it teaches how to touch.
-        low_noise: the frozen low level acts on noisy observations, as on a robot.
     """
 
     worlds: int = 512
-    decisions: int = 1_000_000
-    std: tuple[float, float] = (0.5, 0.2)
+    decisions: int = 3_000_000
+    std: tuple[float, float] = (0.5, 0.15)
     reward_scale: float = 10.0
     near: float = 0.5
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
-            horizon=20, epochs=5, minibatches=4, gamma=0.97, bound=1.5, bound_weight=0.1, deterministic_share=0.0
+            horizon=20, epochs=5, minibatches=4, gamma=0.97, desired_kl=0.02, bound=1.5, bound_weight=0.1
         )
     )
     networks: NetworkConfig = field(default_factory=lambda: NetworkConfig(actor=(256, 128), critic=(256, 128)))
@@ -79,7 +78,7 @@ def smoke() -> TrainHighConfig:
 def gpu() -> TrainHighConfig:
     """The laptop's recipe on a GPU's width: as many more decisions as the low level has more samples."""
     base = laptop()
-    return replace(base, worlds=4096, decisions=13_000_000, ppo=replace(base.ppo, minibatches=8))
+    return replace(base, worlds=4096, decisions=40_000_000, ppo=replace(base.ppo, minibatches=8))
 
 
 def paper() -> TrainHighConfig:
