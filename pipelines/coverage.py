@@ -8,6 +8,7 @@ counted by the same rules beside them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import torch
@@ -56,9 +57,10 @@ class Behaviour:
         return {name: float(mask.float().mean()) for name, mask in kinds.items()}
 
     def distribution(self) -> dict[str, float]:
-        """Mean and quantiles of speed and lift."""
+        """Mean and quantiles of speed and lift over those that did not fall; 0 where all did."""
         figures = {}
         for name, values in (("speed", self.speed), ("lift", self.lift)):
+            values = torch.zeros(1) if self.fell.all() else values[~self.fell]
             figures[name] = float(values.mean())
             figures |= {f"{name}_{label}": float(values.quantile(share)) for label, share in QUANTILES.items()}
         return figures
@@ -76,7 +78,7 @@ class SkillCoverage:
         """Let ``latents`` robots stand and look at the clips once; a latent will be held for ``seconds``."""
         self.seed, self.steps = seed, round(seconds / CONTROL_DT)
         self.env = _standing_env(spec, latents, seed, library.device)
-        self._start = self.env.state_dict()
+        self._start = deepcopy(self.env.state_dict())
         self._standing_height = float(self.env.end_effector()[:, 2].mean())
         self._standing_frame = self.env.frame().mean(dim=0)
         self._clip_frames = clip_means(library)
@@ -104,7 +106,7 @@ class SkillCoverage:
 
     def _hold(self, policy: Policy) -> Behaviour:
         env = self.env
-        env.load_state_dict(self._start)
+        env.load_state_dict(deepcopy(self._start))  # its counters are counted up in place
         draw = torch.Generator().manual_seed(self.seed)
         z = sample_latents(env.num_worlds, policy.head.sizes["latent"], draw).to(env.device)
         fell = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)

@@ -43,6 +43,8 @@ class TrainHighConfig:
         decisions: high-level samples in all; each takes five control steps.
         std: exploration std of the unnormalised latent at the start and at the end.
         reward_scale: factor on the task's reward.
+        fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little far from the target,
+            where most falls happen: in the first two seconds, while turning towards it.
         near: share of the training's targets that lie nearer than the task's; the way there takes most of an episode, and
             only what is left of it teaches how to touch.
     """
@@ -51,6 +53,7 @@ class TrainHighConfig:
     decisions: int = 3_000_000
     std: tuple[float, float] = (0.5, 0.15)
     reward_scale: float = 10.0
+    fall_penalty: float = 2.0
     near: float = 0.5
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
@@ -195,7 +198,8 @@ class HighTrainer:
         for _ in range(config.ppo.horizon):
             decision = env.step(project(algorithm.act(obs)))
             next_obs = self._observe()
-            algorithm.record(decision.reward * config.reward_scale, decision.fell, decision.timed_out, next_obs)
+            reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
+            algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
             env.reset(decision.done)
             obs = self._observe() if perhaps_any(decision.done) else next_obs
             errors = torch.where(decision.done, decision.error, 0.0).sum()

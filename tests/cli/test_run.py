@@ -35,6 +35,12 @@ def test_experiment_names_its_run(asked, name):
     assert invoke(name).exit_code == 0
     ((called, context, settings),) = asked
     assert (called, context.run, settings["method"]) == (name, name, "drail-cat")
+    assert settings["from_scratch"] is False
+
+
+def test_a_chain_from_scratch_is_asked_for(asked):
+    assert invoke("quickstart", "--from-scratch").exit_code == 0
+    assert asked[0][2]["from_scratch"] is True
 
 
 @pytest.mark.parametrize(
