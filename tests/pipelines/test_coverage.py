@@ -78,11 +78,7 @@ def test_a_policy_that_does_what_the_clips_do_reproduces_them(coverage, motions,
 def test_measuring_twice_gives_the_same(coverage, still):
     torch.manual_seed(0)
     with torch.no_grad():
-<<<<<<< HEAD
-        still.actor.mlp[-1].weight.normal_(std=0.1)
-=======
         still.actor.mlp[-1].weight.normal_(std=0.02)
->>>>>>> diag
     first = coverage.measure(still)
     assert first["coverage_speed"] > 0.0
     torch.manual_seed(5)
