@@ -121,7 +121,7 @@ def make_motions(name: str, context: StageContext, *, preset: str, mocap: Sequen
     Raises:
         StageError: unknown experiment or preset.
     """
-    chain = _chain(name, context, preset, mocap=mocap)
+    chain = _resuming(name, context, preset, mocap=mocap)
     return [chain.stage(maker, chain.context, **chain.sources(maker)).artifact for maker in chain.experiment.learn_from]
 
 
@@ -135,7 +135,7 @@ def train_both(name: str, context: StageContext, *, preset: str, method: str) ->
         StageError: unknown experiment, preset or method.
         ArtifactError: the run has no motions.
     """
-    chain = _chain(name, context, preset, method)
+    chain = _resuming(name, context, preset, method)
     motions = [chain.newest(maker) for maker in chain.experiment.learn_from]
     low = chain.stage("train-low", chain.context, motions=motions)
     return chain.stage("train-high", chain.context, low=low.artifact).artifact
@@ -147,10 +147,10 @@ def evaluate(name: str, context: StageContext, *, preset: str, policies: Sequenc
     Raises:
         StageError: unknown experiment or preset.
     """
-    return _chain(name, context, preset).stage("eval", context, policies=list(policies))
+    return _resuming(name, context, preset).stage("eval", context, policies=list(policies))
 
 
-def _chain(
+def _resuming(
     name: str, context: StageContext, preset: str, method: str = "drail-cat", mocap: Sequence[Path] = ()
 ) -> _Chain:
     experiment = _known(EXPERIMENTS, name, "experiment")

@@ -76,6 +76,12 @@ def test_two_processes_make_one_artifact_and_one_answer(torchrun, motions, tmp_p
     logged = [json.loads(line) for line in (path.parent / "metrics.jsonl").read_text().splitlines()]
     assert [line["samples"] for line in logged] == [128, 256, 384]
 
+    ran = torchrun("train-high", "--run", "both", "--preset", "smoke", "--json")
+    assert ran.returncode == 0, ran.stderr
+    answer = json.loads(ran.stdout)
+    assert answer["samples"] == 16 * 4 * 2 * 5
+    assert [str(path) for path in store.all("both", "train-high")] == [answer["artifact"]]
+
 
 @pytest.mark.slow
 def test_what_cannot_be_shared_is_refused(torchrun, motions):
