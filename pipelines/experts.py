@@ -42,7 +42,7 @@ class ExpertConfig:
     std: tuple[float, float] = (0.5, 0.15)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
-            horizon=24, learning_rate=2e-4, max_learning_rate=3e-3, desired_kl=0.02, kl_decay=0.5
+            horizon=24, learning_rate=2e-4, max_learning_rate=3e-3, desired_kl=0.02
         )
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
@@ -104,7 +104,6 @@ class ExpertTrainer:
         strength = ramp(progress, *self.config.ramp)
         std = geometric(self.config.std, progress)
         set_std(algorithm.actor, std)
-        algorithm.set_progress(progress)
         tally = Tally()
         obs = self._observe()
         for _ in range(self.config.ppo.horizon):

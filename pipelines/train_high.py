@@ -192,7 +192,6 @@ class HighTrainer:
         env, algorithm, config = self.env, self.algorithm, self.config
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
-        algorithm.set_progress(progress)
         obs = self._observe()
         tally = Tally()
         for _ in range(config.ppo.horizon):

@@ -290,7 +290,6 @@ class LowTrainer:
         config, env, algorithm = self.config, self.env, self.algorithm
         std = geometric(config.std, ramp(progress, *config.std_between))
         set_std(algorithm.actor, std)
-        algorithm.set_progress(progress)
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
         tally = Tally()
         frame, obs = env.frame(), self._observe()

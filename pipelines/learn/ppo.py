@@ -29,8 +29,6 @@ class PpoConfig:
     Attributes:
         horizon: control steps per world and iteration.
         desired_kl: the actor's learning rate is moved by 1.5 to keep the KL of each minibatch near this.
-        kl_decay: what is left of ``desired_kl`` at the end of the training, reached geometrically: steps that find a skill in
-            a million samples lose it in the next.
         critic_learning_rate: fixed; the critic has its own rate because its loss says nothing about the KL.
         bound: soft limit on |mean action|, with weight ``bound_weight`` (facts 4).
         deterministic_share: mean share of steps with the mean action; world i acts on its mean with a fixed probability
@@ -48,7 +46,6 @@ class PpoConfig:
     max_learning_rate: float = 2e-3
     critic_learning_rate: float = 1e-3
     desired_kl: float = 0.01
-    kl_decay: float = 1.0
     entropy: float = 0.0
     max_grad_norm: float = 1.0
     bound: float = 1.1
@@ -90,7 +87,6 @@ class Ppo(PPO):
         ]
         self.optimizer = torch.optim.Adam(groups, fused=True)
         self._set_learning_rate(config.learning_rate)
-        self.set_progress(0.0)
         self.sampling_probability = deterministic_schedule(num_worlds, config.deterministic_share).to(device)
         shape = (config.horizon, num_worlds)
         self.delta, self.next_values = torch.zeros(shape, device=device), torch.zeros(shape, device=device)
@@ -143,10 +139,6 @@ class Ppo(PPO):
         """
         self.actor.update_normalization(observations)
         self.critic.update_normalization(observations)
-
-    def set_progress(self, progress: float) -> None:
-        """Say what share [0, 1) of the training is done."""
-        self.desired_kl = self.config.desired_kl * self.config.kl_decay**progress
 
     def compute_returns(self, obs: TensorDict) -> None:
         """Fill returns and advantages; ``obs`` are the observations that the next rollout starts from."""
@@ -235,8 +227,8 @@ class Ppo(PPO):
         config, rate = self.config, self.learning_rate
         slower = (rate / 1.5).clamp_min(config.min_learning_rate)
         faster = (rate * 1.5).clamp_max(config.max_learning_rate)
-        rate = torch.where(kl < 0.5 * self.desired_kl, faster, rate)
-        self._set_learning_rate(torch.where(kl > 2.0 * self.desired_kl, slower, rate))
+        rate = torch.where(kl < 0.5 * config.desired_kl, faster, rate)
+        self._set_learning_rate(torch.where(kl > 2.0 * config.desired_kl, slower, rate))
         return kl
 
     def _set_learning_rate(self, rate: float | torch.Tensor) -> None:

@@ -253,11 +253,3 @@ def test_it_learns_what_to_do_and_what_it_is_worth(make_ppo):
     assert sum(rewards[:4]) / 4 < -0.6
     assert sum(rewards[-4:]) / 4 > -noise - 0.06
     assert set(figures) >= {"surrogate", "value", "kl", "learning_rate", "explained_variance"}
-
-
-def test_the_steps_shrink_over_the_training(make_ppo):
-    ppo = make_ppo(desired_kl=0.02, kl_decay=0.1)
-    assert ppo.desired_kl == 0.02
-    ppo.set_progress(0.5)
-    assert ppo.desired_kl == pytest.approx(0.02 * 0.1**0.5)
-    assert make_ppo(desired_kl=0.02).desired_kl == 0.02
