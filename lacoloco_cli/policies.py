@@ -67,6 +67,7 @@ def train_missing(session: Session, method: str, seed: int) -> Path:
         The high level's artifact.
     """
     from lacoloco.pipelines import train_high, train_low
+    from lacoloco.pipelines.low_level import TrainLowConfig
 
     context = replace(session.context(), seed=seed, resume=False)
     high = [policy for policy in trained(session, "train-high") if policy.method == method][-1]
@@ -76,7 +77,7 @@ def train_missing(session: Session, method: str, seed: int) -> Path:
         low = same_seed[0]
     else:
         example = lows[-1].header if lows else _low_of(high.header)
-        low_config = restored(train_low.TrainLowConfig(), example.config)
+        low_config = restored(TrainLowConfig(), example.config)
         motions = [parent.locate(example.path) for parent in example.parents]
         low = train_low.run(low_config, context, motions=motions).artifact
     high_config = restored(train_high.TrainHighConfig(), high.header.config)

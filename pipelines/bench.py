@@ -20,6 +20,7 @@ from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.rotations import from_yaw
 from lacoloco.pipelines import train_low
+from lacoloco.pipelines.low_level import LowTrainer
 from lacoloco.pipelines.machine import cores
 from lacoloco.pipelines.sim.bare_engine import bare_engine
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -120,7 +121,7 @@ def bench_train(
     preset = replace(preset, worlds=config.worlds, cat=cat, ase=replace(preset.ase, discriminator=disc))
     preset = replace(preset, coverage_every=0)  # at some numbers of worlds it would fall into every measured iteration
     library = MotionLibrary(made_up_clips(spec, config.clips), device=device)
-    trainer = train_low.LowTrainer(spec, library, preset, seed=0, device=device)
+    trainer = LowTrainer(spec, library, preset, seed=0, device=device)
     engine, wait = bare_engine(trainer.env.physics), _wait_for(device)
     trainer.iterate(0.0)
     loops, bare = [], []
@@ -207,7 +208,7 @@ def _sim_shares(env: LeggedEnv, steps: int, rounds: int, wait: Callable[[], None
     return watch.shares()
 
 
-def _train_shares(trainer: train_low.LowTrainer, iterations: int, wait: Callable[[], None]) -> dict[str, float]:
+def _train_shares(trainer: LowTrainer, iterations: int, wait: Callable[[], None]) -> dict[str, float]:
     watch, env, learner = Stopwatch(wait), trainer.env, trainer.algorithm
     for owner, name, methods in (
         (trainer, "rest of the loop", ("iterate",)),

@@ -15,7 +15,7 @@ from lacoloco.datasets.clip import save_clips
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import training
 from lacoloco.pipelines.bench import made_up_clips
-from lacoloco.pipelines.train_low import LowTrainer
+from lacoloco.pipelines.low_level import LowTrainer
 from lacoloco.robots.registry import load_robot
 from lacoloco_cli.main import app
 

@@ -7,8 +7,9 @@ import torch
 
 from lacoloco.pipelines.coverage import Behaviour, SkillCoverage, clip_behaviour
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.low_level import LowTrainer
 from lacoloco.pipelines.policies import Head, Policy
-from lacoloco.pipelines.train_low import LowTrainer, smoke
+from lacoloco.pipelines.train_low import smoke
 
 
 @pytest.fixture

@@ -16,9 +16,9 @@ from lacoloco.pipelines.bench import made_up_clips
 from lacoloco.pipelines.experts import ExpertTrainer, smoke_expert
 from lacoloco.pipelines.learn import latents, ppo
 from lacoloco.pipelines.learn.ppo import PpoConfig
+from lacoloco.pipelines.low_level import LowTrainer
 from lacoloco.pipelines.sim import env
 from lacoloco.pipelines.train_high import HighTrainer
-from lacoloco.pipelines.train_low import LowTrainer
 from lacoloco.pipelines.train_low import smoke as smoke_low
 
 READS = (
