@@ -45,6 +45,8 @@ ROUNDS = 4
 """How often rows are added before the rest of the violation is accepted and reported."""
 TOLERANCE, FASTER = 3e-4, 0.01
 """m, or share of a speed limit, by which a row that was left out may be broken."""
+ENDS = 4
+"""Steps at either end of a stretch whose speed is always limited."""
 NEAR, FAST = 0.06, 0.6
 """m to its floor, or share of its speed to its limit, from which a guess is no reason to leave out
 a row."""
@@ -95,7 +97,7 @@ def solve_stretch(
     lower, upper = _all_bounds(stretch)
     values = _all_values(functions, stretch.guess, stretch.parameters)
     margins, tolerances = _per_row(stretch, NEAR, FAST), _per_row(stretch, TOLERANCE, FASTER)
-    used = (values < lower + margins) | (values > upper - margins)
+    used = (values < lower + margins) | (values > upper - margins) | _steps_at_ends(stretch)
     options = ROUGH if rough else OPTIONS
     for _ in range(1 if rough else ROUNDS):
         rows = np.flatnonzero(used)
@@ -235,6 +237,14 @@ def _per_row(stretch: Stretch, values: float, steps: float) -> np.ndarray:
     return np.concatenate(
         [np.full(frames * count, values), np.tile(steps * stretch.step_limit, frames - 1)]
     )
+
+
+def _steps_at_ends(stretch: Stretch) -> np.ndarray:
+    """Rows of the first and last steps of the joints, where nothing beyond holds the speed down."""
+    frames, count = stretch.value_bounds[0].shape
+    steps = np.zeros((frames - 1, len(stretch.step_limit)), dtype=bool)
+    steps[:ENDS] = steps[-ENDS:] = True
+    return np.concatenate([np.zeros(frames * count, dtype=bool), steps.ravel()])
 
 
 def _with_neighbours(broken: np.ndarray, stretch: Stretch) -> np.ndarray:
