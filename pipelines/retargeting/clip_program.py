@@ -29,9 +29,8 @@ OPTIONS = {
     "ipopt.mu_init": 1e-5,
     "ipopt.min_refinement_steps": 0,
     # Animals that sit or lie leave the robot poses that hardly differ in cost; Newton's method then
-    # creeps along the valley for ever. What changes the cost by less than this is as good.
+    # creeps along the valley for ever. What changes the cost by less than CHANGE is as good.
     "ipopt.acceptable_iter": 1,
-    "ipopt.acceptable_obj_change_tol": 4e-3,
     "ipopt.acceptable_constr_viol_tol": 1e-3,
     "ipopt.acceptable_compl_inf_tol": 1.0,
     "ipopt.acceptable_tol": 1.0,
@@ -39,6 +38,8 @@ OPTIONS = {
 }
 ROUGH = {**OPTIONS, "ipopt.tol": 1e-2, "ipopt.mu_init": 1e-3}
 """For a solution that is only the next one's guess."""
+CHANGE = 4e-3
+"""Relative change of the cost from one iteration to the next."""
 BROKEN = 5e-3
 """m or rad by which constraints may be broken when the iterations run out; feet are mended later."""
 ROUNDS = 4
@@ -98,9 +99,12 @@ def solve_stretch(
     values = _all_values(functions, stretch.guess, stretch.parameters)
     margins, tolerances = _per_row(stretch, NEAR, FAST), _per_row(stretch, TOLERANCE, FASTER)
     used = (values < lower + margins) | (values > upper - margins) | _steps_at_ends(stretch)
-    options = ROUGH if rough else OPTIONS
+    options = dict(ROUGH if rough else OPTIONS)
     for _ in range(1 if rough else ROUNDS):
         rows = np.flatnonzero(used)
+        # Ipopt takes the change of a cost below 1, that of a short clip, as it is.
+        cost = float(ca.sum2(functions.cost(stretch.guess.T, stretch.parameters.T)))
+        options["ipopt.acceptable_obj_change_tol"] = CHANGE * min(cost, 1.0)
         solver = _build(functions, len(stretch.guess), smoothness, rows.tolist(), options)
         solution = _solve_rows(solver, stretch, smoothness, lower[rows], upper[rows])
         if solution is None:
