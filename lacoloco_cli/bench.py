@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -65,15 +64,21 @@ def bench_train(
 def bench_retarget(
     session: Session,
     sources: Annotated[
-        list[Path] | None, typer.Argument(metavar="[BVH]...", help="Default: the bundled dog.")
+        list[str] | None,
+        typer.Argument(metavar="[FILE|FOLDER|PATTERN]...", help="Default: the bundled dog."),
     ] = None,
     robot: Robot = "solo12",
 ) -> None:
     """Retargeting on one core: speed, what both modes make of the files, what they must show."""
+    from lacoloco.datasets.samples import DOG_BVH
     from lacoloco.pipelines.retargeting import bench
     from lacoloco.pipelines.retargeting.sources import find_recordings
 
-    files = find_recordings(sources) if sources else []
+    files, skipped = bench.usable(robot, find_recordings(sources or [DOG_BVH]))
+    for line in skipped:
+        console.note(f"skipped: {line}")
+    if not files:
+        raise UserError("none of these files can be retargeted")
     speed = bench.bench_retarget(robot, files)
     rows = bench.compare_modes(robot, files)
     starts = bench.other_starts(robot, files)
@@ -85,7 +90,7 @@ def bench_retarget(
         console.print_table(list(rows[0]), [list(row.values()) for row in rows])
         console.print_table(list(verdicts[0]), [list(row.values()) for row in verdicts])
 
-    session.answer({**figures, "files": rows, "verdicts": verdicts}, show)
+    session.answer({**figures, "skipped": skipped, "files": rows, "verdicts": verdicts}, show)
 
 
 @verb(app, "gpu", shared=IN_A_RUN)

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.mocap import Mocap, load_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.pipelines.retargeting.body_map import body_map, leg_geometry
@@ -79,6 +80,23 @@ def bench_retarget(
         "clip_frames_per_second": frames / whole,
         "clip_times_real_time": sum(clip.duration for clip in clips) / whole,
     }
+
+
+def usable(robot: str, sources: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """The files that can be retargeted, and what is wrong with the others, one line each.
+
+    Raises:
+        RobotError: Unknown robot.
+        StageError: No map leads to it.
+    """
+    worker, good, bad = Worker(RetargetConfig(mode="paper"), robot), [], []
+    for path in sources:
+        try:
+            worker.read(Task(path, path.stem))
+            good.append(path)
+        except DatasetError as error:
+            bad.append(str(error))
+    return good, bad
 
 
 def compare_modes(robot: str = "solo12", sources: Sequence[Path] = ()) -> list[dict[str, Any]]:

@@ -29,9 +29,8 @@ OPTIONS = {
     "ipopt.mu_init": 1e-5,
     "ipopt.min_refinement_steps": 0,
     # Animals that sit or lie leave the robot poses that hardly differ in cost; Newton's method then
-    # creeps along the valley for ever. What changes the cost by less than this is as good.
+    # creeps along the valley for ever. What changes the cost by less than CHANGE is as good.
     "ipopt.acceptable_iter": 1,
-    "ipopt.acceptable_obj_change_tol": 4e-3,
     "ipopt.acceptable_constr_viol_tol": 1e-3,
     "ipopt.acceptable_compl_inf_tol": 1.0,
     "ipopt.acceptable_tol": 1.0,
@@ -39,12 +38,16 @@ OPTIONS = {
 }
 ROUGH = {**OPTIONS, "ipopt.tol": 1e-2, "ipopt.mu_init": 1e-3}
 """For a solution that is only the next one's guess."""
+CHANGE = 4e-3
+"""Relative change of the cost from one iteration to the next."""
 BROKEN = 5e-3
 """m or rad by which constraints may be broken when the iterations run out; feet are mended later."""
 ROUNDS = 4
 """How often rows are added before the rest of the violation is accepted and reported."""
 TOLERANCE, FASTER = 3e-4, 0.01
 """m, or share of a speed limit, by which a row that was left out may be broken."""
+ENDS = 4
+"""Steps at either end of a stretch whose speed is always limited."""
 NEAR, FAST = 0.06, 0.6
 """m to its floor, or share of its speed to its limit, from which a guess is no reason to leave out
 a row."""
@@ -95,10 +98,13 @@ def solve_stretch(
     lower, upper = _all_bounds(stretch)
     values = _all_values(functions, stretch.guess, stretch.parameters)
     margins, tolerances = _per_row(stretch, NEAR, FAST), _per_row(stretch, TOLERANCE, FASTER)
-    used = (values < lower + margins) | (values > upper - margins)
-    options = ROUGH if rough else OPTIONS
+    used = (values < lower + margins) | (values > upper - margins) | _steps_at_ends(stretch)
+    options = dict(ROUGH if rough else OPTIONS)
     for _ in range(1 if rough else ROUNDS):
         rows = np.flatnonzero(used)
+        # Ipopt takes the change of a cost below 1, that of a short clip, as it is.
+        cost = float(ca.sum2(functions.cost(stretch.guess.T, stretch.parameters.T)))
+        options["ipopt.acceptable_obj_change_tol"] = CHANGE * min(cost, 1.0)
         solver = _build(functions, len(stretch.guess), smoothness, rows.tolist(), options)
         solution = _solve_rows(solver, stretch, smoothness, lower[rows], upper[rows])
         if solution is None:
@@ -235,6 +241,14 @@ def _per_row(stretch: Stretch, values: float, steps: float) -> np.ndarray:
     return np.concatenate(
         [np.full(frames * count, values), np.tile(steps * stretch.step_limit, frames - 1)]
     )
+
+
+def _steps_at_ends(stretch: Stretch) -> np.ndarray:
+    """Rows of the first and last steps of the joints, where nothing beyond holds the speed down."""
+    frames, count = stretch.value_bounds[0].shape
+    steps = np.zeros((frames - 1, len(stretch.step_limit)), dtype=bool)
+    steps[:ENDS] = steps[-ENDS:] = True
+    return np.concatenate([np.zeros(frames * count, dtype=bool), steps.ravel()])
 
 
 def _with_neighbours(broken: np.ndarray, stretch: Stretch) -> np.ndarray:

@@ -25,6 +25,14 @@ def test_both_modes_are_compared_on_the_same_targets_and_judged(dog_file):
     assert judged["limit hits"] == {"what": "limit hits", "must": "<= 0", "worst": 0, "met": True}
 
 
+def test_files_that_cannot_be_used_are_told_apart(dog_file, tmp_path):
+    bad = tmp_path / "bad.bvh"
+    bad.write_text("no")
+    good, reasons = bench.usable("solo12", [bad, dog_file])
+    assert good == [dog_file]
+    assert len(reasons) == 1 and str(bad) in reasons[0]
+
+
 def test_no_other_start_is_better_on_the_sample(dog_file):
     figures = bench.other_starts(sources=[dog_file], every=20, starts=2)
     assert figures["frames_checked"] == 3

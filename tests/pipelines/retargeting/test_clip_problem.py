@@ -86,6 +86,13 @@ def test_half_the_frames_give_the_same_motion(problem, trot):
     assert np.abs(fast.joint_pos[::2] - slow.joint_pos).mean() < 0.05
 
 
+def test_120_frames_per_second(problem):
+    targets = fitted_targets(load_bvh(DOG_BVH).slice(300, 361).resampled(120.0), MAP, LEGS, RADIUS)
+    motion = problem.track(targets, 120.0)
+    assert motion.joint_pos.shape == (121, 12) and not motion.failed.any()
+    check(motion, targets, 120.0)
+
+
 @pytest.mark.parametrize("frames", [2, 3, 4, 7])
 def test_short_clips(problem, trot, frames):
     targets = Targets(trot.points[:frames], trot.contacts[:frames], trot.scale)

@@ -1,9 +1,11 @@
+import numpy as np
 import pytest
 
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.mocap import load_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.retargeting.config import RetargetConfig
 from lacoloco.pipelines.retargeting.retargeter import mapped
 from lacoloco.pipelines.retargeting.skeleton_maps import (
     choose_map,
@@ -11,6 +13,7 @@ from lacoloco.pipelines.retargeting.skeleton_maps import (
     map_of,
     shipped_maps,
 )
+from lacoloco.pipelines.retargeting.worker import Task, Worker
 from lacoloco.robots.registry import load_robot
 
 JOINTS = load_bvh(DOG_BVH).joint_names
@@ -37,6 +40,25 @@ def test_every_map_fits_its_robot(skeleton):
 
 def test_the_map_is_chosen_by_the_joints():
     assert choose_map(shipped_maps(), "solo12", JOINTS, "dog.bvh").name == "mann-dog"
+
+
+RIGIFY = {"Shoulder": "front_thigh", "Hand": "front_foot", "UpLeg": "thigh", "Foot": "foot"}
+
+
+def test_a_skeleton_of_blender_gives_the_same_targets(tmp_path):
+    text = DOG_BVH.read_text()
+    for side in ("Left", "Right"):
+        for ours, theirs in RIGIFY.items():
+            text = text.replace(f"{side}{ours}\n", f"{theirs}.{side[0]}\n")
+    path = tmp_path / "wolf.bvh"
+    path.write_text(text)
+    config = RetargetConfig(mode="paper", scale="auto", up_axis="y", unit=0.01)
+    wolf = Worker(config, "solo12").read(Task(path, "wolf"))
+    dog = Worker(config, "solo12").read(Task(DOG_BVH, "dog"))
+    assert "front_thigh.L" in wolf[0].joint_names
+    ours, theirs = (retargeter._targets(mocap) for mocap, _, retargeter, _ in (dog, wolf))
+    np.testing.assert_allclose(ours.points, theirs.points)
+    np.testing.assert_array_equal(ours.contacts, theirs.contacts)
 
 
 def test_an_unknown_skeleton_is_told_what_is_missing_and_what_is_nearest():
