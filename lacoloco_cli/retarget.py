@@ -39,6 +39,43 @@ COLUMNS = {
 INCOMPLETE = 1
 """Exit code when some files gave clips and others did not."""
 
+Mode = Annotated[
+    str | None,
+    typer.Option(
+        "--mode",
+        metavar="clip|paper",
+        help="All frames together, feet planted (default), or frame by frame as in the paper.",
+    ),
+]
+Select = Annotated[
+    str | None,
+    typer.Option(
+        "--select", metavar="NAME|FILE", help="Use these files and parts only, e.g. paper-dogs."
+    ),
+]
+Trim = Annotated[
+    str | None,
+    typer.Option(
+        "--trim", metavar="START:END", help="Part of each file: frames (120:600) or 2s:10s."
+    ),
+]
+Scale = Annotated[
+    str | None,
+    typer.Option(
+        "--scale",
+        metavar="auto|none|FACTOR",
+        help="Fit the animal to the robot, leave it as it is (paper), or fit by a factor.",
+    ),
+]
+MapFile = Annotated[
+    str | None,
+    typer.Option("--map", metavar="FILE", help="Map of one's own from joints to the robot."),
+]
+SwapSides = Annotated[
+    bool | None,
+    typer.Option("--swap-sides", help="Left is right in the files.", show_default=False),
+]
+
 
 @verb(app)
 def retarget(
@@ -50,40 +87,16 @@ def retarget(
         ),
     ] = None,
     robot: Robot = "solo12",
-    mode: Annotated[
-        str | None,
-        typer.Option(
-            "--mode",
-            metavar="clip|paper",
-            help="All frames together, feet planted (default), or frame by frame as in the paper.",
-        ),
-    ] = None,
-    select: Annotated[
-        str | None,
-        typer.Option(
-            "--select", metavar="NAME|FILE", help="Use these files and parts only, e.g. paper-dogs."
-        ),
-    ] = None,
-    trim: Annotated[
-        str | None,
-        typer.Option(
-            "--trim", metavar="START:END", help="Part of each file: frames (120:600) or 2s:10s."
-        ),
-    ] = None,
+    mode: Mode = None,
+    select: Select = None,
+    trim: Trim = None,
     fps: Annotated[
         float | None, typer.Option("--fps", help="Frames per second of the clips.")
     ] = None,
     mirror: Annotated[
         bool | None, typer.Option("--mirror", help="Retarget the mirror image.", show_default=False)
     ] = None,
-    scale: Annotated[
-        str | None,
-        typer.Option(
-            "--scale",
-            metavar="auto|none|FACTOR",
-            help="Fit the animal to the robot, leave it as it is (paper), or fit by a factor.",
-        ),
-    ] = None,
+    scale: Scale = None,
     up_axis: Annotated[
         str | None,
         typer.Option("--up-axis", metavar="[-]x|y|z", help="Axis of the files that is up."),
@@ -91,14 +104,8 @@ def retarget(
     unit: Annotated[
         float | None, typer.Option("--unit", help="Metres per unit of the files, e.g. 0.01.")
     ] = None,
-    swap_sides: Annotated[
-        bool | None,
-        typer.Option("--swap-sides", help="Left is right in the files.", show_default=False),
-    ] = None,
-    map: Annotated[
-        str | None,
-        typer.Option("--map", metavar="FILE", help="Map of one's own from joints to the robot."),
-    ] = None,
+    swap_sides: SwapSides = None,
+    map: MapFile = None,
     maps: Annotated[
         bool, typer.Option("--maps", help="List the maps and selections that come with lacoloco.")
     ] = False,

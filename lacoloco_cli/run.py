@@ -20,6 +20,37 @@ app = typer.Typer()
 # an experiment has one preset for all its stages, and no config of its own to change
 SHARED = tuple(parameter for parameter in STAGE if parameter.name != "overrides")
 
+Methods = Annotated[
+    str | None,
+    typer.Option(
+        "--methods",
+        metavar="all|NAME,...",
+        help="Several methods, each seed of each in a job of its own: gan-cat, drail, ...",
+    ),
+]
+Executor = Annotated[
+    str | None,
+    typer.Option("--executor", metavar="local|slurm", help="Where the jobs run.", show_default="local"),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option("--jobs", min=1, help="So many jobs at a time; default: 1, on Slurm all."),
+]
+Slurm = Annotated[
+    list[str] | None,
+    typer.Option("--slurm", metavar="KEY=VALUE", help="Parameter of Slurm; may be repeated."),
+]
+Status = Annotated[
+    bool, typer.Option("--status", help="Only show how far the jobs' trainings are.")
+]
+FromScratch = Annotated[
+    bool,
+    typer.Option(
+        "--from-scratch",
+        help="The whole chain, also where a published low level would do (quickstart).",
+    ),
+]
+
 
 @verb(app, shared=SHARED, names_run="name")
 def run(
@@ -38,36 +69,12 @@ def run(
         typer.Option("--mocap", help="A .bvh to retarget instead of the sample; may be repeated."),
     ] = None,
     seeds: Seeds = 1,
-    methods: Annotated[
-        str | None,
-        typer.Option(
-            "--methods",
-            metavar="all|NAME,...",
-            help="Several methods, each seed of each in a job of its own: gan-cat, drail, ...",
-        ),
-    ] = None,
-    executor: Annotated[
-        str | None,
-        typer.Option("--executor", metavar="local|slurm", help="Where the jobs run.", show_default="local"),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", min=1, help="So many jobs at a time; default: 1, on Slurm all."),
-    ] = None,
-    slurm: Annotated[
-        list[str] | None,
-        typer.Option("--slurm", metavar="KEY=VALUE", help="Parameter of Slurm; may be repeated."),
-    ] = None,
-    status: Annotated[
-        bool, typer.Option("--status", help="Only show how far the jobs' trainings are.")
-    ] = False,
-    from_scratch: Annotated[
-        bool,
-        typer.Option(
-            "--from-scratch",
-            help="The whole chain, also where a published low level would do (quickstart).",
-        ),
-    ] = False,
+    methods: Methods = None,
+    executor: Executor = None,
+    jobs: Jobs = None,
+    slurm: Slurm = None,
+    status: Status = False,
+    from_scratch: FromScratch = False,
 ) -> None:
     """Run an experiment from nothing: motions, both levels, evaluation, ONNX, pages to watch.
 
