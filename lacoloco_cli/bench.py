@@ -76,10 +76,10 @@ def bench_retarget(
     from lacoloco.pipelines.retargeting.sources import find_recordings
 
     files, skipped = bench.usable(robot, find_recordings(sources or [DOG_BVH]))
+    if not files:
+        raise UserError("; ".join(skipped))
     for line in skipped:
         console.note(f"skipped: {line}")
-    if not files:
-        raise UserError("none of these files can be retargeted")
     speed = bench.bench_retarget(robot, files)
     rows = bench.compare_modes(robot, files)
     starts = bench.other_starts(robot, files)
