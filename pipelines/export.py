@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -136,8 +137,9 @@ def write_onnx(policy: Policy, path: Path, metadata: dict[str, Any], opset: int)
     example = tuple(torch.zeros(2, size) for size in sizes.values())
     batch = torch.export.Dim("batch")
     with warnings.catch_warnings():
-        # The exporter warns about packages of its own that are not there; nothing of ours.
+        # The exporter warns, and logs, about packages of its own that are not there; nothing of ours.
         warnings.simplefilter("ignore")
+        logging.getLogger("torch.onnx").setLevel(logging.ERROR)
         program = torch.onnx.export(
             ExportedActor(policy).eval(),
             example,
