@@ -87,7 +87,7 @@ def test_never_overwrites_unless_it_replaces_a_checkpoint(write):
 
 
 def test_a_failing_write_leaves_no_rubbish(write, tmp_path, full_disk):
-    with pytest.raises(ArtifactError, match="cannot write: file too large") as caught:
+    with full_disk(), pytest.raises(ArtifactError, match="cannot write: file too large") as caught:
         write()
     one_line(caught, tmp_path)
     assert list(tmp_path.iterdir()) == []
