@@ -53,7 +53,7 @@ class TrainHighConfig:
     decisions: int = 3_000_000
     std: tuple[float, float] = (0.5, 0.15)
     reward_scale: float = 10.0
-    fall_penalty: float = 10.0
+    fall_penalty: float = 2.0
     near: float = 0.5
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
