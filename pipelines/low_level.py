@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 from tensordict import TensorDict
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.coverage import SkillCoverage
@@ -46,10 +45,6 @@ class TrainLowConfig:
             clip's motion within tenths of a second, and only just after a reset can it learn to stay in it longer.
         std: exploration std at the start and at the end, in raw action units (x action scale = rad).
         std_between: shares of the training between which it falls from the first to the second.
-        fall_penalty: taken from the reward by a fall, about once more what its lost future is worth (0: the paper). The high
-            level finds the one latent in fifty that falls.
-        averaged: iterations over which the weights are averaged (exponentially) into the policy that is measured and kept.
-            What a latent does wanders from iteration to iteration; the average stays.
         warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before everything else; 0 begins
             with a random network and meaningless latents, as the paper does.
         windows: what a latent describes while the clips are cloned.
@@ -66,8 +61,6 @@ class TrainLowConfig:
     episode_s: float = 2.0
     std: tuple[float, float] = (0.05, 0.05)
     std_between: tuple[float, float] = (0.4, 0.9)
-    fall_penalty: float = 4.0
-    averaged: int = 20
     warm_start: int = 1000
     windows: WindowConfig = field(default_factory=WindowConfig)
     skill_shares: tuple[tuple[str, float], ...] = ()
@@ -113,9 +106,6 @@ class LowTrainer:
             self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
             self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
         self.head = Head("low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate")
-        self.average = AveragedModel(
-            self.algorithm.actor, multi_avg_fn=get_ema_multi_avg_fn(1.0 - 1.0 / config.averaged), use_buffers=True
-        )
         self.samples_per_iteration = config.worlds * config.ppo.horizon
         self.recent_falls: list[float] = []
         self.algorithm.warm_up(self._first_observations())
@@ -143,7 +133,6 @@ class LowTrainer:
             self.algorithm.actor, self.embedding, teacher, self._starts, steps=config.warm_start, draw=self.draw
         )
         parallel.copy_from_first(self.algorithm.actor, self.embedding)
-        self.average.update_parameters(self.algorithm.actor)  # the first call copies
         return {"clone_error": error, "clone_cosine": self.algorithm.fit_encoder(config.warm_start // 4)}
 
     def demonstrations(self, count: int) -> torch.Tensor:
@@ -164,8 +153,7 @@ class LowTrainer:
             next_frame, next_obs = env.frame(), self._observe()
             delta = self.terminations(step.violations, strength) if step.violations else None
             algorithm.record_transition(frame, next_frame, step.valid)
-            reward = step.reward - config.fall_penalty * step.fell
-            algorithm.record(reward, step.fell, step.timed_out, next_obs, delta)
+            algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
             speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             tally.add(falls=step.fell.sum(), speed=speed, delta=None if delta is None else delta.mean())
             tally.add(**{f"violation_{name}": share for name, share in self.terminations.violated.items()})
@@ -174,7 +162,6 @@ class LowTrainer:
             frame, obs = env.frame(), self._observe()
         algorithm.compute_returns(obs)
         figures = algorithm.update()
-        self.average.update_parameters(algorithm.actor)
         sums = tally.read()
         self.recent_falls.append(sums["falls"] * parallel.size())
         return figures | self._coverage(progress) | {
@@ -200,7 +187,7 @@ class LowTrainer:
         every = self.config.coverage_every
         if parallel.rank() or done != self.iterations and not (every and after // every > before // every):
             return {}
-        return self.coverage.measure(self.policy())
+        return self.coverage.measure(Policy(self.head, self.algorithm.actor))
 
     def closing_figures(self) -> dict[str, float]:
         """Falls in the last hundredth of the samples and the clips' mean planar speed [m/s], to compare with ``speed``."""
@@ -213,15 +200,14 @@ class LowTrainer:
         }
 
     def policy(self) -> Policy:
-        """The averaged actor, deterministic."""
-        return Policy(self.head, self.average.module.eval())
+        """The trained actor, deterministic."""
+        return Policy(self.head, self.algorithm.actor.eval())
 
     def state_dict(self) -> dict[str, Any]:
         """See :class:`lacoloco.pipelines.training.Trainer`."""
         return {
             "algorithm": self.algorithm.save(),
             "env": self.env.state_dict(),
-            "average": self.average.state_dict(),
             "latents": self.latents.state_dict(),
             "terminations": self.terminations.state_dict(),
             "draw": self.draw.get_state(),
@@ -232,7 +218,6 @@ class LowTrainer:
         """See :class:`lacoloco.pipelines.training.Trainer`."""
         self.algorithm.load(state["algorithm"])
         self.env.load_state_dict(state["env"])
-        self.average.load_state_dict(state["average"])
         self.latents.load_state_dict(state["latents"])
         self.terminations.load_state_dict(state["terminations"])
         self.draw.set_state(state["draw"])

@@ -70,37 +70,6 @@ def test_the_transition_of_a_fall_ends_in_the_fall(make_trainer):
     assert halves(second)[0][3] < -0.5, "upright at the start of the next episode"
 
 
-def test_a_fall_costs_what_the_configuration_says(make_trainer):
-    """The same rollout twice, the second time with a price on falling."""
-    rewards = []
-    for penalty in (0.0, 4.0):
-        trainer = make_trainer(horizon=1, fall_penalty=penalty)
-        env = trainer.env
-        qpos, qvel = env.physics.qpos[[0]].clone(), torch.zeros(1, 18)
-        qpos[:, 2], qpos[:, 3:7] = 0.05, torch.tensor([0.0, 1.0, 0.0, 0.0])
-        qvel[:, 2] = -2.0
-        env.physics.reset(torch.tensor([0]), qpos, qvel)
-        env._read()
-        env.steps.zero_()  # no time-outs
-        trainer.iterate(0.0)
-        assert trainer.algorithm.done[0].nonzero().flatten().tolist() == [0]
-        rewards.append(trainer.algorithm.storage.rewards[0, :, 0].clone())
-    difference = rewards[0] - rewards[1]
-    assert difference[0] == pytest.approx(4.0, abs=1e-5)
-    assert not difference[1:].any()
-
-
-def test_the_policy_that_is_kept_is_the_average_of_the_iterations(make_trainer):
-    trainer = make_trainer(averaged=4)
-    weight = trainer.algorithm.actor.mlp[0].weight
-    trainer.iterate(0.0)
-    first = weight.detach().clone()
-    trainer.iterate(0.5)
-    kept = trainer.policy().actor.mlp[0].weight
-    assert not torch.allclose(first, weight, atol=1e-6)
-    assert torch.allclose(kept, 0.75 * first + 0.25 * weight, atol=1e-7)
-
-
 def test_transitions_begin_where_the_one_before_ended_or_in_a_new_episode(make_trainer):
     """Bug B4: half of the original's resets give (s_t, s_t), some with another world's gravity."""
     trainer = make_trainer(horizon=4)
