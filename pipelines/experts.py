@@ -42,7 +42,7 @@ class ExpertConfig:
     std: tuple[float, float] = (0.5, 0.15)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
-            horizon=24, learning_rate=2e-4, max_learning_rate=3e-3, desired_kl=0.02
+            horizon=24, learning_rate=2e-4, min_learning_rate=5e-5, max_learning_rate=3e-3, desired_kl=0.02
         )
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
