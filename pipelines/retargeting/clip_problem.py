@@ -14,10 +14,11 @@ import numpy as np
 from lacoloco.datasets import rotations
 from lacoloco.pipelines.retargeting.alignment import rigid_fit
 from lacoloco.pipelines.retargeting.body_map import BodyMap, LegGeometry
-from lacoloco.pipelines.retargeting.clip_program import Stretch, solve_stretch
+from lacoloco.pipelines.retargeting.clip_program import solve_stretch
 from lacoloco.pipelines.retargeting.filters import smooth
 from lacoloco.pipelines.retargeting.foot_plan import FootPlan, plan_feet
 from lacoloco.pipelines.retargeting.frame_functions import FrameFunctions
+from lacoloco.pipelines.retargeting.interior_point import solve_by_interior_point
 from lacoloco.pipelines.retargeting.pose_problem import (
     JOINTS,
     POSITION,
@@ -26,6 +27,7 @@ from lacoloco.pipelines.retargeting.pose_problem import (
     retarget_bounds,
 )
 from lacoloco.pipelines.retargeting.quality import LIMIT_MARGIN
+from lacoloco.pipelines.retargeting.stretch import Stretch
 from lacoloco.pipelines.retargeting.targets import Targets
 from lacoloco.robots.spec import RobotSpec
 
@@ -128,12 +130,21 @@ class ClipProblem:
         if stride > 1 and len(stretch.guess) > 4 * stride:
             coarse = stretch.sampled(stride)
             smoothness = self._smoothness_at(fps / stride)
-            found = solve_stretch(self._functions, coarse, smoothness, rough=True)
+            found = self._program(coarse, smoothness, rough=True)
             if found is not None:
                 frames = np.arange(len(stretch.guess))
                 columns = [np.interp(frames, frames[::stride], column) for column in found.T]
                 stretch = replace(stretch, guess=np.stack(columns, axis=1))
-        return solve_stretch(self._functions, stretch, self._smoothness_at(fps))
+        return self._program(stretch, self._smoothness_at(fps))
+
+    def _program(
+        self, stretch: Stretch, smoothness: np.ndarray, *, rough: bool = False
+    ) -> np.ndarray | None:
+        """Solve a program by the method made for it; Ipopt is slower and gives up less easily."""
+        found = solve_by_interior_point(self._functions, stretch, smoothness, rough=rough)
+        if found is None:
+            found = solve_stretch(self._functions, stretch, smoothness, rough=rough)
+        return found
 
     def _mended(self, variables: np.ndarray, clip: Stretch) -> np.ndarray:
         """Put the feet exactly where they are planted, or onto their floor, by their legs alone."""

@@ -11,16 +11,16 @@ all of them, and solved again with those it breaks.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from lacoloco.datasets import rotations
 from lacoloco.pipelines.retargeting.frame_functions import FrameFunctions
-from lacoloco.pipelines.retargeting.pose_problem import JOINTS, TURN
+from lacoloco.pipelines.retargeting.pose_problem import JOINTS
 from lacoloco.pipelines.retargeting.solver import COLD
+from lacoloco.pipelines.retargeting.stretch import THIRD, Stretch, turn_pull
 
 OPTIONS = {
     **COLD,
@@ -51,34 +51,6 @@ ENDS = 4
 NEAR, FAST = 0.06, 0.6
 """m to its floor, or share of its speed to its limit, from which a guess is no reason to leave out
 a row."""
-
-_THIRD = (-1.0, 3.0, -3.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """N frames of a clip and all that is asked of them; V constraint values per frame."""
-
-    guess: np.ndarray
-    """(N, n) variables to start from."""
-    parameters: np.ndarray
-    """(N, m) parameters of the frames, the reference orientation first."""
-    variable_bounds: tuple[np.ndarray, np.ndarray]
-    """(N, n) each."""
-    value_bounds: tuple[np.ndarray, np.ndarray]
-    """(N, V) each."""
-    step_limit: np.ndarray
-    """(J,) most that a joint may move from frame to frame, rad."""
-
-    def sampled(self, stride: int) -> Stretch:
-        """Every so many frames of it."""
-        return Stretch(
-            guess=self.guess[::stride],
-            parameters=self.parameters[::stride],
-            variable_bounds=tuple(bound[::stride] for bound in self.variable_bounds),
-            value_bounds=tuple(bound[::stride] for bound in self.value_bounds),
-            step_limit=self.step_limit * stride,
-        )
 
 
 def solve_stretch(
@@ -116,25 +88,6 @@ def solve_stretch(
         used |= _with_neighbours(broken, stretch)
         stretch = replace(stretch, guess=solution)
     return solution
-
-
-def turn_pull(reference: np.ndarray, smoothness: np.ndarray) -> np.ndarray:
-    """Linear cost (N, n) that makes the roughness of the turns that of the whole orientation.
-
-    The orientation is a turn on top of a reference; third differences of the orientation are those
-    of the turns plus second differences of the reference's own steps (to first order in the turns).
-
-    Args:
-        reference: (N, 4) quaternions, wxyz.
-        smoothness: (n,) weights of the squared third differences.
-    """
-    pull = np.zeros((len(reference), len(smoothness)))
-    if len(reference) >= len(_THIRD):
-        steps = rotations.angular_velocity_b(reference[:-1], reference[1:], 1.0)
-        rough = 2 * smoothness[TURN] * np.diff(steps, 2, axis=0)
-        for shift, value in enumerate(_THIRD):
-            pull[shift : shift + len(rough), TURN] += value * rough
-    return pull
 
 
 def _solve_rows(
@@ -204,7 +157,7 @@ def _build(
 
 def _roughness(frames: int, smoothness: np.ndarray) -> ca.DM:
     """Hessian of the smoothness of N frames."""
-    differences = _sparse_rows(frames, _THIRD)
+    differences = _sparse_rows(frames, THIRD)
     weighted = ca.kron(differences, ca.diag(ca.DM(np.sqrt(smoothness))))
     return 2 * weighted.T @ weighted
 

@@ -7,8 +7,10 @@ frames cost more than the solution. One frame is derived once, symbolically, and
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from lacoloco.pipelines import kinematics
+from lacoloco.pipelines.retargeting.batched import BatchedFunction
 from lacoloco.pipelines.retargeting.body_map import BodyMap
 from lacoloco.pipelines.retargeting.pose_problem import JOINTS, POSITION, TURN
 from lacoloco.robots.spec import RobotSpec
@@ -43,6 +45,12 @@ class FrameFunctions:
         self.heights = slice(3 * len(feet), values.numel())
         self.knees, self.hips = len(knees), len(hips)
         self._derive(x, parameters, cost, values)
+        self.neutral, self.posture_weight = np.array(spec.retarget_neutral), posture_weight
+        knee_rows = 3 * len(points) + np.arange(len(knees))
+        foot_rows = 3 * np.repeat(mapping.foot_columns, 3) + np.tile(np.arange(3), len(feet))
+        hip_rows = 3 * np.array(mapping.hip_columns) + 2
+        self.value_rows = np.concatenate([foot_rows, knee_rows, hip_rows])
+        self._derive_coordinates(x, parameters, ca.vertcat(*points, *knees))
         at = (x, reference, ca.vertcat(*feet), spec)
         self.leg_step = _leg_step(*at, posture=0.03, damping=1e-5)
         self.foot_step = _leg_step(*at, posture=0.0, damping=1e-7)
@@ -62,6 +70,13 @@ class FrameFunctions:
             "hessian", [*at, scale, multipliers], [ca.vertcat(*hessian.nonzeros())]
         )
         self.jacobian_sparsity, self.hessian_sparsity = jacobian.sparsity(), hessian.sparsity()
+
+    def _derive_coordinates(self, x: ca.SX, parameters: ca.SX, coordinates: ca.SX) -> None:
+        at, forces = [x, parameters], ca.SX.sym("forces", coordinates.numel())
+        jacobian = ca.densify(ca.jacobian(coordinates, x))
+        curvature = ca.densify(ca.hessian(ca.dot(forces, coordinates), x)[0])
+        self.geometry = BatchedFunction(ca.Function("geometry", at, [coordinates, jacobian]))
+        self.curvature = BatchedFunction(ca.Function("curvature", [*at, forces], [curvature]))
 
 
 def _leg_step(
