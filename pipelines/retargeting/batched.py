@@ -10,11 +10,17 @@ CHUNK = 32
 
 
 class BatchedFunction:
-    """A function of column vectors, mapped over frames; built once for clips of any length."""
+    """A function of column vectors, mapped over frames; built once for clips of any length.
+
+    Matrices may be sparse; what is known to be zero then costs nothing to compute.
+    """
 
     def __init__(self, function: ca.Function) -> None:
         """Prepare the calls."""
-        self._outputs = [function.numel_out(i) for i in range(function.n_out())]
+        self._outputs = [function.sparsity_out(i) for i in range(function.n_out())]
+        self._places = [
+            None if pattern.is_dense() else np.array(pattern.find()) for pattern in self._outputs
+        ]
         self._buffer, self._run = function.map(CHUNK).buffer()
 
     def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
@@ -24,12 +30,12 @@ class BatchedFunction:
             inputs: (N, size) each.
 
         Returns:
-            (N, size) each; matrices column after column.
+            (N, size) each; matrices are dense, column after column.
         """
         frames = len(inputs[0])
         padding = -frames % CHUNK
         padded = [np.pad(array, ((0, padding), (0, 0)), mode="edge") for array in inputs]
-        results = [np.empty((frames + padding, size)) for size in self._outputs]
+        results = [np.empty((frames + padding, pattern.nnz())) for pattern in self._outputs]
         for start in range(0, frames, CHUNK):
             chunk = slice(start, start + CHUNK)
             for index, array in enumerate(padded):
@@ -37,4 +43,12 @@ class BatchedFunction:
             for index, array in enumerate(results):
                 self._buffer.set_res(index, memoryview(array[chunk]))
             self._run()
-        return [array[:frames] for array in results]
+        return [self._dense(index, array[:frames]) for index, array in enumerate(results)]
+
+    def _dense(self, index: int, nonzeros: np.ndarray) -> np.ndarray:
+        places = self._places[index]
+        if places is None:
+            return nonzeros
+        values = np.zeros((len(nonzeros), self._outputs[index].numel()))
+        values[:, places] = nonzeros
+        return values

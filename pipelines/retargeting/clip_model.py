@@ -1,5 +1,9 @@
 """Cost and constraints of a stretch at one point, and the quadratic program around it.
 
+    min_x  sum_t c_t(x_t) + sum_t |third difference of x|_w^2
+    s.t.   feet that stand: where they are planted;  feet that swing, knees, hips: above their floor
+           joints: within limits, also of speed
+
 Rows of inequalities are all joints, then all constraint values, then all steps of joints from frame
 to frame.
 """
@@ -10,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacoloco.pipelines.retargeting.banded import BandedMatrix
+from lacoloco.pipelines.retargeting.banded import BandedMatrix, BandLayout
 from lacoloco.pipelines.retargeting.frame_functions import FrameFunctions
 from lacoloco.pipelines.retargeting.null_space import null_space
 from lacoloco.pipelines.retargeting.pose_problem import JOINTS
@@ -44,9 +48,7 @@ class ClipModel:
         upper: (R,).
     """
 
-    def __init__(
-        self, functions: FrameFunctions, stretch: Stretch, smoothness: np.ndarray
-    ) -> None:
+    def __init__(self, functions: FrameFunctions, stretch: Stretch, smoothness: np.ndarray) -> None:
         """Sort the constraints into equations and inequalities.
 
         Args:
@@ -61,8 +63,13 @@ class ClipModel:
         self._held = (lower == upper).all(axis=1)
         values = stretch.value_bounds
         self._equal = values[0] == values[1]
+        free = np.arange(len(smoothness)) >= self._equal.sum(axis=1, keepdims=True)
+        self._layout = BandLayout(free & ~self._held[:, None])
         self._planted = np.where(self._equal, values[0], 0.0)
-        self.lower, self.upper = self._bounds(-1, lower, values[0]), self._bounds(1, upper, values[1])
+        self.lower, self.upper = (
+            self._bounds(-1, lower, values[0]),
+            self._bounds(1, upper, values[1]),
+        )
 
     def _bounds(self, sign: int, variables: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Bounds (R,) on one side; none for equations and frames that do not move."""
@@ -144,7 +151,7 @@ class ClipModel:
             bent = BandedMatrix(matrix.blocks + share * curvature, matrix.bands)
             try:
                 rest = right - bent @ space.particular
-                step = space.particular + bent.solve_within(rest, space.basis, space.active)
+                step = space.particular + bent.solve_within(rest, space.basis, self._layout)
                 break
             except np.linalg.LinAlgError:
                 if not share:
@@ -177,9 +184,7 @@ class ClipModel:
         blocks[:, diagonal, diagonal] += bands[0]
         return BandedMatrix(blocks, bands[1:]), right
 
-    def _curvature(
-        self, point: Point, outward: np.ndarray, multipliers: np.ndarray
-    ) -> np.ndarray:
+    def _curvature(self, point: Point, outward: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """What the curvature of the kinematics adds to the Hessian (N, n, n)."""
         functions, forces = self._functions, 2 * point.missed
         forces[:, functions.value_rows] += multipliers + self._parts(outward)[1]

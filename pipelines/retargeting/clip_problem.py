@@ -1,7 +1,7 @@
 """Retargeting of whole clips: feet planted where the paws stand, everything else as close and smooth.
 
-The clip is one sparse program (clips of many minutes: overlapping stretches of one), solved by Ipopt
-first on every few frames and then on all of them.
+The clip is one sparse program (clips of many minutes: overlapping stretches of one), solved first on
+every few frames and then on all of them.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from lacoloco.datasets import rotations
 from lacoloco.pipelines.retargeting.alignment import rigid_fit
 from lacoloco.pipelines.retargeting.body_map import BodyMap, LegGeometry
-from lacoloco.pipelines.retargeting.clip_program import solve_stretch
 from lacoloco.pipelines.retargeting.filters import smooth
 from lacoloco.pipelines.retargeting.foot_plan import FootPlan, plan_feet
 from lacoloco.pipelines.retargeting.frame_functions import FrameFunctions
-from lacoloco.pipelines.retargeting.interior_point import solve_by_interior_point
+from lacoloco.pipelines.retargeting.interior_point import solve_stretch
+from lacoloco.pipelines.retargeting.leg_reach import mend, reach
 from lacoloco.pipelines.retargeting.pose_problem import (
     JOINTS,
     POSITION,
@@ -39,8 +39,6 @@ SHORTEST = 90
 """Frames; a shorter stretch is not halved when it does not converge."""
 SPEED_SHARE = 0.98
 """Share of the motors' speed that is used."""
-MOST_MENDED = 0.01
-"""rad by which a joint may move, three times, to put a foot where it belongs."""
 STRAIGHTEST, TIGHTEST = 0.1, 2.9
 """rad between which a knee bends; it never changes sides."""
 
@@ -118,47 +116,22 @@ class ClipProblem:
                 solution, failed[start:stop] = part.guess, True
             done[start:stop] = solution[start - first : stop - first]
             on_frame(stop)
-        done = self._mended(done, clip)
-        cost = np.array(self._functions.cost(done.T, clip.parameters.T))[0]
+        done = mend(self._functions, done, clip)
+        cost = self._functions.cost(done, clip.parameters)
         quat = rotations.multiply(clip.parameters[:, :4], _turn_quaternion(done[:, TURN]))
         cost[failed] = np.nan
         return TrackedMotion(done[:, POSITION], quat, done[:, JOINTS], cost)
 
     def _solve(self, stretch: Stretch, fps: float) -> np.ndarray | None:
         """Solve every few frames, which finds the way, and then all of them."""
-        stride = max(round(fps / COARSE), 1)
+        stride = _stride(fps)
         if stride > 1 and len(stretch.guess) > 4 * stride:
             coarse = stretch.sampled(stride)
             smoothness = self._smoothness_at(fps / stride)
-            found = self._program(coarse, smoothness, rough=True)
+            found = solve_stretch(self._functions, coarse, smoothness, rough=True)
             if found is not None:
-                frames = np.arange(len(stretch.guess))
-                columns = [np.interp(frames, frames[::stride], column) for column in found.T]
-                stretch = replace(stretch, guess=np.stack(columns, axis=1))
-        return self._program(stretch, self._smoothness_at(fps))
-
-    def _program(
-        self, stretch: Stretch, smoothness: np.ndarray, *, rough: bool = False
-    ) -> np.ndarray | None:
-        """Solve a program by the method made for it; Ipopt is slower and gives up less easily."""
-        found = solve_by_interior_point(self._functions, stretch, smoothness, rough=rough)
-        if found is None:
-            found = solve_stretch(self._functions, stretch, smoothness, rough=rough)
-        return found
-
-    def _mended(self, variables: np.ndarray, clip: Stretch) -> np.ndarray:
-        """Put the feet exactly where they are planted, or onto their floor, by their legs alone."""
-        mended, columns = variables.copy(), self._functions.feet
-        lower, upper = (bound[:, columns] for bound in clip.value_bounds)
-        lowest, highest = (bound[:, JOINTS] for bound in clip.variable_bounds)
-        reference = clip.parameters[:, :4]
-        for _ in range(3):
-            feet = np.array(self._functions.values(mended.T, clip.parameters.T)).T[:, columns]
-            wanted = np.clip(feet, lower, upper)
-            step = np.array(self._functions.foot_step(mended.T, reference.T, wanted.T)).T
-            step = np.clip(step, -MOST_MENDED, MOST_MENDED)
-            mended[:, JOINTS] = np.clip(mended[:, JOINTS] + step, lowest, highest)
-        return mended
+                stretch = replace(stretch, guess=_interpolated(found, stride, len(stretch.guess)))
+        return solve_stretch(self._functions, stretch, self._smoothness_at(fps))
 
     def _smoothness_at(self, fps: float) -> np.ndarray:
         """Weights of squared third differences, which shrink with the cube of the frame's time."""
@@ -198,20 +171,19 @@ class ClipProblem:
         hips[..., 2] = np.maximum(hips[..., 2], 0.5 * self._legs.reach)
         position, quat = rigid_fit(self._legs.hips, hips)
         reference = rotations.normalize(smooth(rotations.continuous(quat), 0.05 * fps))
-        lower, upper = self._limits
         base = np.concatenate([position, np.zeros_like(position)], axis=1)
-        joints = np.tile(np.clip(self._spec.retarget_neutral, lower, upper), (len(points), 1))
-        feet = plan.path.reshape(len(points), -1)
-        for _ in range(12):
-            at = np.concatenate([base, joints], axis=1)
-            step = np.array(self._functions.leg_step(at.T, reference.T, feet.T)).T
-            joints = np.clip(joints + np.clip(step, -0.4, 0.4), lower, upper)
+        feet, stride = plan.path.reshape(len(points), -1), _stride(fps)
+        neutral = np.tile(self._spec.retarget_neutral, (len(base[::stride]), 1))
+        few = (part[::stride] for part in (base, reference, feet))
+        joints = reach(self._functions, self._limits, neutral, *few, steps=12)
+        joints = _interpolated(joints, stride, len(points))
+        joints = reach(self._functions, self._limits, joints, base, reference, feet, steps=3)
         return np.concatenate([base, joints], axis=1), reference
 
     def _value_bounds(self, plan: FootPlan) -> tuple[np.ndarray, np.ndarray]:
         """Feet that stand are planted; feet that swing, knees and hips stay above their floor."""
         functions, weights, frames = self._functions, self._weights, len(plan.path)
-        lower = np.full((frames, functions.values_count), -np.inf)
+        lower = np.full((frames, len(functions.value_rows)), -np.inf)
         upper = np.full_like(lower, np.inf)
         floor = np.full_like(plan.path, -np.inf)
         floor[..., 2] = plan.floor
@@ -221,6 +193,18 @@ class ClipProblem:
         heights = [weights.knee_height] * functions.knees + [weights.hip_height] * functions.hips
         lower[:, functions.heights] = heights
         return lower, upper
+
+
+def _stride(fps: float) -> int:
+    """Every how many frames the first solution has one."""
+    return max(round(fps / COARSE), 1)
+
+
+def _interpolated(values: np.ndarray, stride: int, frames: int) -> np.ndarray:
+    """Values (frames, n) of all frames from those of every so many; the last ones are kept."""
+    every = np.arange(frames)
+    columns = [np.interp(every, every[::stride], column) for column in values.T]
+    return np.stack(columns, axis=1)
 
 
 def _part(clip: Stretch, start: int, stop: int, kept: np.ndarray) -> Stretch:

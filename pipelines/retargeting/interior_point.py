@@ -17,15 +17,19 @@ MU, ROUGH_MU = 1e-5, 1e-3
 """Product of slack and multiplier at the solution, m^2; of one that is only the next one's guess."""
 ITERATIONS = 40
 CHANGE = 4e-3
-"""Relative change of the cost from one iteration to the next at which they end. Animals that sit or
-lie leave the robot poses that hardly differ in cost; Newton's method creeps along such a valley."""
-FEASIBLE, BROKEN = 1e-4, 5e-3
-"""m or rad by which constraints may be missed in the end; when the iterations run out."""
+"""Relative change of the cost, per whole step, at which the iterations end. Animals that sit or lie
+leave the robot poses that hardly differ in cost; Newton's method creeps along such a valley."""
+PATIENCE = 5
+"""Iterations one after another that change the cost less, and still leave constraints missed."""
+FEASIBLE, BROKEN = 3e-4, 5e-3
+"""m or rad by which constraints may be missed in the end; when patience or iterations run out."""
 HALVINGS = 8
 """How often a step is halved that makes both cost and constraints worse."""
+STUCK = 1e-4
+"""Share of a step that is not worth taking: the constraints contradict each other."""
 
 
-def solve_by_interior_point(
+def solve_stretch(
     functions: FrameFunctions, stretch: Stretch, smoothness: np.ndarray, *, rough: bool = False
 ) -> np.ndarray | None:
     """Solve the program of a stretch.
@@ -42,13 +46,12 @@ def solve_by_interior_point(
     model = ClipModel(functions, stretch, smoothness)
     point = model.start()
     barrier = Barrier(model.lower, model.upper, ROUGH_MU if rough else MU, point.rows)
-    multipliers = np.zeros_like(point.gap)
+    multipliers, idle = np.zeros_like(point.gap), 0
     for _ in range(ITERATIONS):
         before = point
         try:
-            step, wanted = model.step(
-                point, *barrier.condensed(point.rows), barrier.outward(), multipliers
-            )
+            stiffness, force = barrier.condensed(point.rows)
+            step, wanted = model.step(point, stiffness, force, barrier.outward(), multipliers)
         except np.linalg.LinAlgError:
             return None
         point, share = _taken(model, barrier, point, step)
@@ -56,8 +59,9 @@ def solve_by_interior_point(
             return None
         multipliers = multipliers + share * (wanted - multipliers)
         slow = abs(point.cost - before.cost) <= share * CHANGE * abs(point.cost)
-        if slow and _worst(barrier, point) < FEASIBLE:
-            return point.x
+        idle = idle + 1 if slow else 0
+        if idle == PATIENCE or (slow and _worst(barrier, point) < FEASIBLE):
+            break
     return point.x if _worst(barrier, point) < BROKEN else None
 
 
@@ -67,10 +71,12 @@ def _taken(
     """Go along a step while slacks and multipliers stay positive and something improves.
 
     Returns:
-        The new point, None if nothing does, and the share of the step.
+        The new point, None if there is none, and the share of the step.
     """
     slacks, multipliers = barrier.step(point.rows, model.change(point, step))
     share = longest_step(barrier.slacks, slacks)
+    if share < STUCK:
+        return None, share
     cost, missed = _merit(barrier, point, barrier.slacks)
     for _ in range(HALVINGS):
         reached = barrier.slacks + share * slacks

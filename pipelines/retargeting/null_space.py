@@ -26,13 +26,11 @@ class Planted:
 class NullSpace:
     """Steps of N frames of n variables that meet the linearised equations.
 
-    Such a step is `particular` plus any combination of the columns of `basis`.
+    Such a step is `particular` plus any combination of the columns of `basis` that count.
     """
 
     basis: np.ndarray
-    """(N, n, n), orthonormal columns, zero where not active."""
-    active: np.ndarray
-    """(N, n) bool, which columns count."""
+    """(N, n, n) orthonormal columns; as many of the first as there are equations do not count."""
     particular: np.ndarray
     """(N, n) shortest step that meets them."""
     planted: tuple[Planted, ...]
@@ -59,20 +57,17 @@ def null_space(
         held: (N,) bool, frames that may not move.
     """
     frames, n, _ = gradients.shape
-    basis, active = np.zeros((frames, n, n)), np.zeros((frames, n), dtype=bool)
-    particular, planted = np.zeros((frames, n)), []
+    basis, particular, planted = np.zeros((frames, n, n)), np.zeros((frames, n)), []
     for where, rows in _alike(equal, held):
         count = rows.shape[1]
         here = np.take_along_axis(gradients[where], rows[:, None], axis=2)
         orthogonal, triangle = np.linalg.qr(here, mode="complete")
-        triangle, within = triangle[:, :count], orthogonal[:, :, :count].copy()
+        triangle, within = triangle[:, :count], orthogonal[:, :, :count]
         missed = np.take_along_axis(gap[where], rows, axis=1)[..., None]
         step = within @ np.linalg.solve(triangle.transpose(0, 2, 1), -missed)
-        particular[where] = step[..., 0]
-        orthogonal[:, :, :count] = 0.0
-        basis[where], active[where, count:] = orthogonal, True
+        particular[where], basis[where] = step[..., 0], orthogonal
         planted.append(Planted(where, rows, within, triangle))
-    return NullSpace(basis, active, particular, tuple(planted))
+    return NullSpace(basis, particular, tuple(planted))
 
 
 def _alike(equal: np.ndarray, held: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

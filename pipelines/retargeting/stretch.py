@@ -1,9 +1,4 @@
-"""A stretch of frames, and all that is asked of them.
-
-    min_x  sum_t c_t(x_t) + sum_t |third difference of x|_w^2
-    s.t.   feet that stand: where they are planted;  feet that swing, knees, hips: above their floor
-           joints: within limits, also of speed
-"""
+"""A stretch of frames, and all that is asked of them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -8,11 +7,10 @@ from lacoloco.datasets import rotations
 from lacoloco.datasets.mocap import load_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.pipelines.kinematics import BodyPositions
-from lacoloco.pipelines.retargeting import clip_problem, clip_program
+from lacoloco.pipelines.retargeting import clip_problem
 from lacoloco.pipelines.retargeting.body_map import body_map, leg_geometry
 from lacoloco.pipelines.retargeting.clip_problem import ClipProblem, ClipWeights
-from lacoloco.pipelines.retargeting.clip_program import solve_stretch, turn_pull
-from lacoloco.pipelines.retargeting.pose_problem import JOINTS, TURN, PoseProblem, retarget_bounds
+from lacoloco.pipelines.retargeting.pose_problem import PoseProblem, retarget_bounds
 from lacoloco.pipelines.retargeting.quality import foot_quality, joint_quality
 from lacoloco.pipelines.retargeting.targets import Targets, fitted_targets
 from lacoloco.robots.registry import load_robot
@@ -195,65 +193,3 @@ def test_a_leap_stays_a_leap(problem, trot):
     feet = FEET(motion.root_pos, motion.root_quat, motion.joint_pos)
     assert feet[45, :, 2].min() > RADIUS + 0.1
     assert (feet[..., 2][targets.contacts] < RADIUS + 1e-3).all()
-
-
-def test_the_assembled_derivatives_are_those_of_casadi(problem, trot):
-    stretch = problem._stretch(Targets(trot.points[:6], trot.contacts[:6], 1.0), 60.0)
-    functions, smoothness = problem._functions, problem._smoothness
-    rows = [0, 3, 14, 21, 60, 125, 140]
-    solver = clip_program._build(functions, 6, smoothness, rows, clip_program.OPTIONS)
-    rng = np.random.default_rng(0)
-    x = stretch.guess.ravel() + rng.normal(0, 0.05, stretch.guess.size)
-    p = np.concatenate([stretch.parameters.ravel(), rng.normal(size=stretch.guess.size)])
-    symbol = ca.MX.sym("x", x.size)
-    cost, gradient = solver.get_function("nlp_grad_f")(symbol, p)
-    values, jacobian = solver.get_function("nlp_jac_g")(symbol, p)
-    multipliers = rng.normal(size=len(rows))
-    scale = 0.7
-    lagrangian = scale * cost + ca.dot(multipliers, values)
-    hessian = solver.get_function("nlp_hess_l")(x, p, scale, multipliers)
-    derived = ca.Function(
-        "derived",
-        [symbol],
-        [
-            gradient,
-            ca.gradient(cost, symbol),
-            jacobian,
-            ca.jacobian(values, symbol),
-            ca.hessian(lagrangian, symbol)[0],
-        ],
-    )
-    ours, theirs, rows_ours, rows_theirs, curvature = (np.array(part) for part in derived(x))
-    np.testing.assert_allclose(ours, theirs, atol=1e-9)
-    np.testing.assert_allclose(rows_ours, rows_theirs, atol=1e-9)
-    upper = np.array(ca.DM(hessian))
-    np.testing.assert_allclose(upper, np.triu(curvature), atol=1e-8)
-
-
-def test_the_pull_makes_roughness_that_of_the_whole_orientation():
-    rng = np.random.default_rng(1)
-    weights = np.zeros(18)
-    weights[TURN] = 2.0
-    turns = 0.01 * rng.normal(size=(8, 3))
-    steps = np.concatenate([[np.zeros(3)], 0.1 * rng.normal(size=(7, 3))])
-    reference = [np.array([1.0, 0.0, 0.0, 0.0])]
-    for step in steps[1:]:
-        reference.append(rotations.multiply(reference[-1], rotations.exp_map(step)))
-    pull = turn_pull(np.array(reference), weights)
-    rough = np.diff(turns, 3, axis=0) + np.diff(steps[1:], 2, axis=0)
-    constant = (np.diff(steps[1:], 2, axis=0) ** 2).sum()
-    alone = (np.diff(turns, 3, axis=0) ** 2).sum()
-    expected = 2.0 * ((rough**2).sum() - constant - alone)
-    assert (pull[:, TURN] * turns).sum() == pytest.approx(expected)
-    assert not pull[:, JOINTS].any()
-
-
-def test_rows_that_were_left_out_are_added_when_broken(problem, trot, monkeypatch):
-    monkeypatch.setattr(clip_program, "NEAR", 0.0)
-    monkeypatch.setattr(clip_program, "FAST", 0.0)
-    stretch = problem._stretch(trot, 60.0)
-    found = solve_stretch(problem._functions, stretch, problem._smoothness)
-    lower, upper = stretch.value_bounds
-    values = np.array(problem._functions.values(found.T, stretch.parameters.T)).T
-    assert (values > lower - 1e-3).all()
-    assert (values < upper + 1e-3).all()
