@@ -20,7 +20,7 @@ CHANGE = 4e-3
 """Relative change of the cost, per whole step, at which the iterations end. Animals that sit or lie
 leave the robot poses that hardly differ in cost; Newton's method creeps along such a valley."""
 PATIENCE = 5
-"""Iterations one after another that change the cost less, and still leave constraints missed."""
+"""Iterations one after another that change the cost less, after which BROKEN will do."""
 FEASIBLE, BROKEN = 3e-4, 5e-3
 """m or rad by which constraints may be missed in the end; when patience or iterations run out."""
 HALVINGS = 8
@@ -48,19 +48,19 @@ def solve_stretch(
     barrier = Barrier(model.lower, model.upper, ROUGH_MU if rough else MU, point.rows)
     multipliers, idle = np.zeros_like(point.gap), 0
     for _ in range(ITERATIONS):
-        before = point
         try:
             stiffness, force = barrier.condensed(point.rows)
             step, wanted = model.step(point, stiffness, force, barrier.outward(), multipliers)
         except np.linalg.LinAlgError:
             return None
-        point, share = _taken(model, barrier, point, step)
-        if point is None:
+        reached, share = _taken(model, barrier, point, step)
+        if reached is None:
             return None
         multipliers = multipliers + share * (wanted - multipliers)
-        slow = abs(point.cost - before.cost) <= share * CHANGE * abs(point.cost)
+        slow = abs(reached.cost - point.cost) <= share * CHANGE * abs(reached.cost)
+        point = reached
         idle = idle + 1 if slow else 0
-        if idle == PATIENCE or (slow and _worst(barrier, point) < FEASIBLE):
+        if slow and _worst(barrier, point) < (BROKEN if idle >= PATIENCE else FEASIBLE):
             break
     return point.x if _worst(barrier, point) < BROKEN else None
 
