@@ -45,7 +45,7 @@ class GenerateConfig:
         reach_weight: how often a moment of reaching is sampled for one of walking. By duration alone one latent in seven
             would be left for reaching; at 4 it is two in five.
         seconds: length of a clip.
-        lead_in: seconds performed before the recording starts, so that no clip begins with a transient.
+        settle: seconds from the start of a clip that do not count in the tracking errors.
     """
 
     walk: ExpertConfig = field(default_factory=lambda: ExpertConfig(samples=3_000_000))
@@ -54,7 +54,7 @@ class GenerateConfig:
     reach_clips: int = 20
     reach_weight: float = 4.0
     seconds: float = 10.0
-    lead_in: float = 1.0
+    settle: float = 1.0
 
 
 def laptop() -> GenerateConfig:
@@ -64,7 +64,7 @@ def laptop() -> GenerateConfig:
 
 def smoke() -> GenerateConfig:
     """Seconds; the experts have learned nothing, so only that everything runs is shown."""
-    return GenerateConfig(smoke_expert(), smoke_expert(), walk_clips=3, reach_clips=2, seconds=0.2, lead_in=0.02)
+    return GenerateConfig(smoke_expert(), smoke_expert(), walk_clips=3, reach_clips=2, seconds=0.2, settle=0.02)
 
 
 def gpu() -> GenerateConfig:
@@ -152,27 +152,25 @@ def record(
 ) -> tuple[list[Clip], dict[str, float]]:
     """Record ``count`` clips of one expert, deterministic, without noise or pushes, each in its own world.
 
+    Every clip begins with the robot standing still: nothing else shows how one begins to walk or to lift a foot.
     More worlds than clips are run, and only those that never fell are kept, so no clip contains a reset.
 
     Raises:
         StageError: fewer than ``count`` worlds stayed up.
     """
-    steps, lead = round(config.seconds / CONTROL_DT), round(config.lead_in / CONTROL_DT)
+    steps, settle = round(config.seconds / CONTROL_DT), round(config.settle / CONTROL_DT)
     base = clean(TASKS[task_name](spec))
-    task = replace(
-        base,
-        reset=replace(base.reset, joint_scale=(0.9, 1.1)),
-        episode_s=2 * (config.seconds + config.lead_in),
-    )
+    standing = replace(base.reset, joint_scale=(0.9, 1.1), lin_vel=0.0, ang_vel=0.0)
+    task = replace(base, reset=standing, episode_s=2 * config.seconds)
     env = LeggedEnv(spec, task, count + max(8, count // 4), seed=context.seed, device=context.device)
     upright = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
-    rows, errors, settled = [], [], []
-    for step in range(lead + steps):
+    rows, errors, settled = [(env.physics.qpos, env.state)], [], []
+    for step in range(steps):
         command = env.command.clone()
         outcome = env.step(policy(env.observe()))
         upright &= ~outcome.fell
-        if step >= lead:
-            rows.append((env.physics.qpos, env.state))
+        rows.append((env.physics.qpos, env.state))
+        if step >= settle:
             errors.append(_tracking_error(env, command))
             settled.append(errors[-1][(env.command != command).any(dim=-1)])
     kept = torch.nonzero(upright).flatten()

@@ -6,13 +6,16 @@ a call are deleted with the job's end; its output stays. What a job did is seen 
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.machine import cores
 
 EXECUTORS = ("local", "slurm")
 TIMEOUT_MIN = 24 * 60
@@ -72,6 +75,8 @@ def run_jobs(
 ) -> Iterator[Ended]:
     """Call ``work(*arguments)`` once per job, and tell how each ended as soon as it has.
 
+    Jobs on this machine share its cores out: two that use all of them take longer together than one after the other.
+
     Args:
         executor: from :func:`make_executor`.
         work: importable by name; its arguments must be plain.
@@ -83,11 +88,13 @@ def run_jobs(
         StageError: a job is not accepted.
     """
     waiting, running = list(jobs), {}
+    shared = min(at_once, len(waiting)) if getattr(executor, "cluster", "") == "local" else 1
     try:
         while waiting or running:
             while waiting and len(running) < at_once:
                 name = waiting.pop(0)
-                running[name] = (time.monotonic(), _submit(executor, work, jobs[name]))
+                with _share_of_cores(shared):
+                    running[name] = (time.monotonic(), _submit(executor, work, jobs[name]))
             time.sleep(poll_s)
             for name, (begin, job) in list(running.items()):
                 if job.done():
@@ -100,6 +107,19 @@ def run_jobs(
         for _, job in running.values():
             job.cancel()
             _forget(job)
+
+
+@contextmanager
+def _share_of_cores(jobs: int) -> Iterator[None]:
+    """Processes started in here take one of ``jobs`` equal parts of the cores, unless the user has said how many."""
+    told = os.environ.get("OMP_NUM_THREADS")
+    if told is None and jobs > 1:
+        os.environ["OMP_NUM_THREADS"] = str(max(1, cores() // jobs))
+    try:
+        yield
+    finally:
+        if told is None:
+            os.environ.pop("OMP_NUM_THREADS", None)
 
 
 def _submit(executor: Any, work: Callable[..., None], arguments: Sequence[Any]) -> Any:

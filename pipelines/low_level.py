@@ -28,9 +28,13 @@ from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
-from lacoloco.pipelines.sim.tasks import imitate_task
+from lacoloco.pipelines.sim.tasks import imitate_task, widened
 from lacoloco.pipelines.warm_start import clip_states, infer_actions, previous_actions
+from lacoloco.pipelines.worlds import put, select
 from lacoloco.robots.spec import RobotSpec
+
+REHEARSAL_S = 10.0
+"""Length of the episodes of the reach task [s]."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +47,16 @@ class TrainLowConfig:
         clip_share: share of resets that start inside a clip.
         episode_s: seconds until a time-out. Far shorter than the original's 10 s: a policy that cannot walk yet leaves a
             clip's motion within tenths of a second, and only just after a reset can it learn to stay in it longer.
+        rehearsal: share of the worlds that live as they will under a high level: ``REHEARSAL_S`` from a standing start, with
+            latents that wander.
+        rehearsal_from: share of the training after which they do. A beginner that falls at every change learns to stand.
+        randomisation: factor on the spread of masses, centres of mass and pushes; evaluation is at 1.
         std: exploration std at the start and at the end, in raw action units (x action scale = rad).
         std_between: shares of the training between which it falls from the first to the second.
         warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before everything else; 0 begins
             with a random network and meaningless latents, as the paper does.
+        head_start: share of the training in which critic, discriminator and encoder learn alone. What was cloned is precise to
+            a fraction of the exploration std, and the first advantages of an untrained critic would undo it.
         windows: what a latent describes while the clips are cloned.
         skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
         coverage_every: samples between two measurements of the deterministic skill coverage (0: only at the end).
@@ -54,20 +64,26 @@ class TrainLowConfig:
     """
 
     worlds: int = 512
-    samples: int = 3_000_000
+    samples: int = 2_000_000
     cat: bool = True
     cat_ramp: tuple[float, float] = (0.6, 0.8)
     clip_share: float = 0.7
     episode_s: float = 2.0
+    rehearsal: float = 0.3
+    rehearsal_from: float = 0.4
+    randomisation: float = 1.25
     std: tuple[float, float] = (0.05, 0.05)
     std_between: tuple[float, float] = (0.4, 0.9)
     warm_start: int = 1000
+    head_start: float = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)
     skill_shares: tuple[tuple[str, float], ...] = ()
     coverage_every: int = 250_000
     coverage_latents: int = 256
     latents: LatentConfig = field(default_factory=LatentConfig)
-    ppo: PpoConfig = field(default_factory=lambda: PpoConfig(gamma=0.98, desired_kl=0.02))
+    ppo: PpoConfig = field(
+        default_factory=lambda: PpoConfig(horizon=16, minibatches=2, gamma=0.98, desired_kl=0.02, learning_rate=5e-5)
+    )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
     ase: AseConfig = field(default_factory=AseConfig)
 
@@ -82,10 +98,16 @@ class LowTrainer:
         torch.manual_seed(seed)
         self.config, self.spec, self.motions, self.seed = config, spec, library, seed
         task = imitate_task(spec, constrained=config.cat)
-        task = replace(task, episode_s=config.episode_s, reset=replace(task.reset, clip_share=config.clip_share))
+        task = replace(
+            task,
+            episode_s=config.episode_s,
+            reset=replace(task.reset, clip_share=config.clip_share),
+            randomisation=widened(task.randomisation, config.randomisation),
+        )
         self.env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device, motions=library)
         self.env.stagger()
         self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)
+        self.rehearsing = torch.arange(config.worlds, device=device) < config.rehearsal * config.worlds
         self.terminations = SoftTerminations({c.name: c.max_p for c in task.constraints})
         self.draw = torch.Generator(device).manual_seed(seed + 2)
         sizes = {POLICY: width(self.env.terms), LATENT: config.latents.dim}
@@ -143,6 +165,9 @@ class LowTrainer:
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
         config, env, algorithm = self.config, self.env, self.algorithm
+        if progress >= config.rehearsal_from:
+            self._rehearse()
+        algorithm.actor_learns = not config.warm_start or progress >= config.head_start
         std = geometric(config.std, ramp(progress, *config.std_between))
         set_std(algorithm.actor, std)
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
@@ -150,9 +175,9 @@ class LowTrainer:
         frame, obs = env.frame(), self._observe()
         for _ in range(config.ppo.horizon):
             step = env.step(algorithm.act(obs))
-            next_frame, next_obs = env.frame(), self._observe()
+            next_obs = self._observe()
             delta = self.terminations(step.violations, strength) if step.violations else None
-            algorithm.record_transition(frame, next_frame, step.valid)
+            algorithm.record_transition(frame, step.frame, step.valid)
             algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
             speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             tally.add(falls=step.fell.sum(), speed=speed, delta=None if delta is None else delta.mean())
@@ -172,6 +197,12 @@ class LowTrainer:
             **{f"c_max_{name}": float(worst.max()) for name, worst in self.terminations.c_max.items()},
             "std": std,
         }
+
+    def _rehearse(self) -> None:
+        worlds = select(self.rehearsing)
+        put(self.env.episode_steps, worlds, round(REHEARSAL_S / CONTROL_DT))
+        put(self.env.clip_share, worlds, 0.0)
+        self.latents.wandering = self.rehearsing
 
     def _starts(self, count: int) -> torch.Tensor:
         """(count,) rows of the clips' states, drawn as demonstrations are."""

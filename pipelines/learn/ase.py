@@ -20,6 +20,12 @@ from lacoloco.pipelines.learn.ppo import EXPLORE, Ppo, PpoConfig
 from lacoloco.pipelines.learn.replay import ReplayBuffer
 
 POLICY, LATENT = "policy", "latent"
+DIVERSITY_SHARE = 0.25
+"""Share of a minibatch that the diversity loss looks at: it costs a further pass of the actor."""
+REWARDED_AT_ONCE = 2048
+"""Transitions that the discriminator looks at together when it pays for them."""
+STATISTICS = 2048
+"""Transitions of a rollout, and as many demonstrations, that the normaliser takes in."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class AseConfig:
     reward_ceiling: float = 5.0
     max_accuracy: float = 0.75
     diversity: float = 0.01
-    updates: int = 5
+    updates: int = 3
     batch: int = 1024
     learning_rate: float = 3e-4
     encoder_learning_rate: float = 3e-4
@@ -111,7 +117,8 @@ class Ase(Ppo):
     def compute_returns(self, obs: TensorDict) -> None:
         """Add the style rewards of the whole rollout in one batch, then compute returns."""
         rollout = self.transitions.flatten(0, 1)
-        self.normalizer.update(rollout, self.demonstrations(len(rollout)))
+        some = rollout[:: max(1, len(rollout) // STATISTICS)]
+        self.normalizer.update(some, self.demonstrations(len(some)))
         self.figures = self._reward_rollout()
         super().compute_returns(obs)
 
@@ -131,12 +138,12 @@ class Ase(Ppo):
         """
         if not self.ase.diversity:
             return None
-        z = batch.observations[LATENT]
+        some = batch.observations[: max(1, int(DIVERSITY_SHARE * len(mean)))]
+        z, weight = some[LATENT], some[EXPLORE].squeeze(-1)
         other = project(torch.randn_like(z))
-        moved = self.actor(TensorDict({POLICY: batch.observations[POLICY], LATENT: other}, batch_size=[len(z)]))
+        moved = self.actor(TensorDict({POLICY: some[POLICY], LATENT: other}, batch_size=[len(z)]))
         distance = 0.5 - 0.5 * (z * other).sum(dim=-1)
-        ratio = (mean - moved).square().mean(dim=-1) / (distance + 1e-5)
-        weight = batch.observations[EXPLORE].squeeze(-1)
+        ratio = (mean[: len(z)] - moved).square().mean(dim=-1) / (distance + 1e-5)
         return self.ase.diversity * ((1.0 - ratio).square() * weight).sum() / weight.sum().clamp_min(1.0)
 
     def save(self) -> dict[str, object]:
@@ -162,7 +169,8 @@ class Ase(Ppo):
     def _reward_rollout(self) -> dict[str, float]:
         flat = self.normalizer(self.transitions.flatten(0, 1))
         z = self.storage.observations[LATENT].flatten(0, 1)
-        logits = self.discriminator.logits(flat, self.draw)
+        # Piece by piece: a denoiser's activations for a whole rollout leave every cache.
+        logits = torch.cat([self.discriminator.logits(piece, self.draw) for piece in flat.split(REWARDED_AT_ONCE)])
         imitation = imitation_reward(logits, self.ase.reward_ceiling)
         predicted = self.encoder(flat)
         skill = encoder_reward(predicted, z)

@@ -73,9 +73,9 @@ class DrailDiscriminator(nn.Module):
         return classification(logits[: len(agent)], logits[len(agent) :])
 
     def _denoise(self, embedded: torch.Tensor) -> torch.Tensor:
-        activation = nn.functional.elu(embedded)
+        activation = nn.functional.relu(embedded)
         for layer in self.hidden:
-            activation = nn.functional.elu(layer(activation))
+            activation = nn.functional.relu(layer(activation))
         return self.exit(activation)
 
     def _times(self, count: int, draw: torch.Generator) -> torch.Tensor:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from lacoloco.pipelines.worlds import put, select
+from lacoloco.pipelines.worlds import pick, put, select
 
 
 def project(unnormalized: torch.Tensor) -> torch.Tensor:
@@ -35,21 +35,43 @@ def latent_usage(chosen: torch.Tensor) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class LatentConfig:
-    """Dimension of z and the range of control steps (inclusive) for which one is held."""
+    """How latents are drawn.
+
+    Attributes:
+        dim: dimension of z.
+        min_steps: fewest control steps for which one is held.
+        max_steps: most of them.
+        wander: step of a wandering latent, the standard deviation of what is added to the unit vector.
+        wander_steps: control steps between two such steps.
+    """
 
     dim: int = 7
     min_steps: int = 1
     max_steps: int = 149
+    wander: float = 0.7
+    wander_steps: int = 5
 
 
 class LatentSchedule:
-    """The latent of every world: held for a random while, new at every reset; all uniform on the sphere."""
+    """The latent of every world: held for a random while, new at every reset; all uniform on the sphere.
 
-    def __init__(self, num_worlds: int, config: LatentConfig, *, seed: int, device: torch.device | str = "cpu") -> None:
+    Those of the worlds that wander move on in small steps, as under a high level that makes up its mind.
+    """
+
+    def __init__(
+        self,
+        num_worlds: int,
+        config: LatentConfig,
+        *,
+        seed: int,
+        device: torch.device | str = "cpu",
+    ) -> None:
         """Draw a latent (N, dim) and its duration for every world."""
         self.config, self.draw, self.device = config, torch.Generator(device).manual_seed(seed), device
+        self.wandering = torch.zeros(num_worlds, dtype=torch.bool, device=device)
+        """(N,) bool, which worlds wander; none until somebody says so."""
         self.z = sample_latents(num_worlds, config.dim, self.draw)
-        self.remaining = self._durations(num_worlds)
+        self.remaining = self._durations(torch.arange(num_worlds, device=device))
 
     def advance(self, done: torch.Tensor) -> None:
         """One control step has passed; worlds in ``done`` (N,) bool have just been reset."""
@@ -58,8 +80,8 @@ class LatentSchedule:
         if len(worlds):
             # A new tensor: the old latents may still be referenced by the transition being recorded.
             self.z = self.z.clone()
-            put(self.z, worlds, sample_latents(len(worlds), self.config.dim, self.draw))
-            put(self.remaining, worlds, self._durations(len(worlds)))
+            put(self.z, worlds, self._next(worlds, done))
+            put(self.remaining, worlds, self._durations(worlds))
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Latents, remaining steps, generator."""
@@ -70,6 +92,12 @@ class LatentSchedule:
         self.z, self.remaining = state["z"].to(self.device), state["remaining"].to(self.device)
         self.draw.set_state(state["draw"])
 
-    def _durations(self, count: int) -> torch.Tensor:
+    def _next(self, worlds: torch.Tensor, done: torch.Tensor) -> torch.Tensor:
+        fresh = torch.randn(len(worlds), self.config.dim, generator=self.draw, device=self.draw.device)
+        goes_on = pick(self.wandering & ~done, worlds)[:, None]
+        return project(torch.where(goes_on, pick(self.z, worlds) + self.config.wander * fresh, fresh))
+
+    def _durations(self, worlds: torch.Tensor) -> torch.Tensor:
         low, high = self.config.min_steps, self.config.max_steps
-        return torch.randint(low, high + 1, (count,), generator=self.draw, device=self.draw.device)
+        held = torch.randint(low, high + 1, (len(worlds),), generator=self.draw, device=self.draw.device)
+        return torch.where(pick(self.wandering, worlds), self.config.wander_steps, held)

@@ -88,6 +88,8 @@ class Ppo(PPO):
         self.optimizer = torch.optim.Adam(groups, fused=True)
         self._set_learning_rate(config.learning_rate)
         self.sampling_probability = deterministic_schedule(num_worlds, config.deterministic_share).to(device)
+        self.actor_learns = True
+        """False leaves the actor as it is, for as long as the critic's advantages would only harm it."""
         shape = (config.horizon, num_worlds)
         self.delta, self.next_values = torch.zeros(shape, device=device), torch.zeros(shape, device=device)
         self.done = torch.zeros(shape, dtype=torch.bool, device=device)
@@ -194,6 +196,9 @@ class Ppo(PPO):
 
     def _loss(self, batch: RolloutStorage.Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         config = self.config
+        value = (self.critic(batch.observations) - batch.returns).square().mean()
+        if not self.actor_learns:
+            return value, {"value": value}
         weight = batch.observations[EXPLORE].squeeze(-1)
         weight = weight / weight.sum().clamp_min(1.0)
         mean = self.actor(batch.observations)
@@ -204,7 +209,6 @@ class Ppo(PPO):
         gain = batch.advantages.squeeze(-1)
         clipped = ratio.clamp(1.0 - config.clip, 1.0 + config.clip)
         surrogate = -(torch.minimum(ratio * gain, clipped * gain) * weight).sum()
-        value = (self.critic(batch.observations) - batch.returns).square().mean()
         loss = surrogate + value
         figures = {"surrogate": surrogate, "value": value}
         if config.entropy:

@@ -44,6 +44,7 @@ class Step:
     """One control step of N worlds, before any reset.
 
     Attributes:
+        frame: (N, 10 + 2J) clean style frame in which the step ended, before any push.
         reward: (N,) task reward, already times 0.02 s.
         fell: (N,) bool, the episode ended by a fall or a diverged world.
         timed_out: (N,) bool, the episode reached its length without falling.
@@ -51,6 +52,7 @@ class Step:
         violations: constraint name -> (N, k) signed margins c (positive: violated).
     """
 
+    frame: torch.Tensor
     reward: torch.Tensor
     fell: torch.Tensor
     timed_out: torch.Tensor
@@ -92,7 +94,11 @@ class LeggedEnv:
         self.num_actions = joints
         self._starts = StandingStarts(spec, task.reset.joint_scale, self.draw, self.device)
         self._falls = slice(0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies))
-        self._noise = layouts.noise_scale(self.terms).to(self.device) * task.noise
+        self._noise = layouts.noise_scale(self.terms).to(self.device)
+        # What a trainer may give each world for itself; the same everywhere until then.
+        self.noise = torch.full((num_worlds, 1), task.noise, device=self.device)
+        self.episode_steps = torch.full((num_worlds,), task.episode_steps, device=self.device)
+        self.clip_share = torch.full((num_worlds,), task.reset.clip_share, device=self.device)
         self.feet = FootTimer(num_worlds, len(spec.feet), self.device)
         self.steps = torch.zeros(num_worlds, dtype=torch.long, device=self.device)
         self.action = torch.zeros(num_worlds, joints, device=self.device)
@@ -130,8 +136,8 @@ class LeggedEnv:
         # A broken world may report any force, and the constraints' running maxima over all worlds would keep it.
         reward = reward.masked_fill(diverged, 0.0)
         violations = {name: margin.masked_fill(diverged[:, None], 0.0) for name, margin in violations.items()}
-        timed_out = (self.steps >= self.task.episode_steps) & ~fell
-        step = Step(reward, fell, timed_out, ~diverged, violations)
+        timed_out = (self.steps >= self.episode_steps) & ~fell
+        step = Step(self.frame(), reward, fell, timed_out, ~diverged, violations)
         self._push()
         self._resample()
         return step
@@ -149,7 +155,7 @@ class LeggedEnv:
         if self.task.noise == 0.0:
             return clean
         spread = self._uniform(*clean.shape) * 2.0 - 1.0
-        return clean + spread * self._noise
+        return clean + spread * (self._noise * self.noise)
 
     def reset(self, mask: torch.Tensor) -> None:
         """Start new episodes in the worlds of ``mask`` (N,) bool."""
@@ -158,7 +164,7 @@ class LeggedEnv:
             return
         qpos, qvel = self._default_starts(len(worlds))
         if self.motions is not None and self.task.reset.clip_share > 0.0:
-            chosen = select(self._uniform(len(worlds)) < self.task.reset.clip_share)
+            chosen = select(self._uniform(len(worlds)) < pick(self.clip_share, worlds))
             if len(chosen):
                 for target, value in zip((qpos, qvel), self._clip_starts(len(chosen)), strict=True):
                     put(target, chosen, value)
@@ -174,9 +180,7 @@ class LeggedEnv:
 
     def stagger(self) -> None:
         """Spread the ages of the running episodes, so that time-outs do not all fall into the same iteration."""
-        self.steps = torch.randint(
-            0, self.task.episode_steps, (self.num_worlds,), generator=self.draw, device=self.device
-        )
+        self.steps = (self._uniform(self.num_worlds) * self.episode_steps).long()
 
     def end_effector(self) -> torch.Tensor:
         """(N, 3) world position of the end effector [m]; computed once per state."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import mujoco
 import numpy as np
 import torch
@@ -30,7 +32,7 @@ class BatchPhysics:
         self.device = torch.device("cpu")
         self.model = spec.compile(timestep=PHYSICS_DT, training_limits=request.training_limits)
         self.monitored = monitored_bodies(spec)
-        self._batch = Batch(self.model, self.num_worlds, nthread=request.threads)
+        self._batch = Batch(self.model, self.num_worlds, nthread=request.threads or _own_threads())
         self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._time = self._batch.bind("time")
         self._feet = np.stack([_columns(self.model, f"force_{body}") for body in spec.feet])
@@ -102,6 +104,12 @@ class BatchPhysics:
         # New tensors every time: callers keep the previous step's without copying.
         self.qpos = torch.from_numpy(self._qpos).float()
         self.qvel = torch.from_numpy(self._qvel).float()
+
+
+def _own_threads() -> int:
+    """As many as torch may use where somebody has said so, as for jobs that share a machine; else 0, all cores."""
+    told = os.environ.get("OMP_NUM_THREADS", "")
+    return int(told) if told.isdecimal() else 0
 
 
 def _numbered(worlds: torch.Tensor, *values: torch.Tensor) -> tuple[torch.Tensor, ...]:

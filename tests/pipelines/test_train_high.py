@@ -96,6 +96,16 @@ def test_time_outs_fall_on_the_end_of_a_decision(make_trainer):
     assert trainer.env.env.task.episode_steps % HOLD_STEPS == 0
 
 
+def test_some_worlds_see_without_noise(make_trainer):
+    env = make_trainer(clean=0.25).env.env
+    clean = (env.noise == 0.0).squeeze(-1)
+    assert int(clean.sum()) == 4
+    assert clean[3::4].all(), "spread over the worlds"
+    seen = (env.observe()[:, :34] - env.frame()).abs().amax(dim=1)
+    assert (seen[clean] == 0.0).all()
+    assert (seen[~clean] > 0.0).all()
+
+
 def test_samples_are_control_steps(make_trainer):
     trainer = make_trainer(horizon=3)
     assert trainer.samples_per_iteration == 16 * 3 * HOLD_STEPS

@@ -74,7 +74,7 @@ def test_transitions_begin_where_the_one_before_ended_or_in_a_new_episode(make_t
     """Bug B4: half of the original's resets give (s_t, s_t), some with another world's gravity."""
     trainer = make_trainer(horizon=4)
     trainer.env.steps.fill_(0)
-    trainer.env.steps[::2] = trainer.env.task.episode_steps - 2
+    trainer.env.steps[::2] = trainer.env.episode_steps[::2] - 2
     trainer.iterate(0.0)
     before, after = halves(trainer.algorithm.transitions)
     going_on = ~trainer.algorithm.done[:-1]
@@ -85,6 +85,20 @@ def test_transitions_begin_where_the_one_before_ended_or_in_a_new_episode(make_t
     assert not (before == after).all(dim=-1).any()
     # Every new episode starts upright, so its gravity is its own.
     assert (before[1:][~going_on][:, 3] < -0.9).all()
+
+
+def test_rehearsing_worlds_live_as_under_a_high_level(make_trainer):
+    trainer = make_trainer(rehearsal=0.25, rehearsal_from=0.5, randomisation=1.5)
+    env, rehearsing = trainer.env, torch.arange(16) < 4
+    trainer.iterate(0.49)
+    assert (env.episode_steps == 100).all()
+    assert not trainer.latents.wandering.any()
+    trainer.iterate(0.5)
+    assert (env.episode_steps[rehearsing] == 500).all()
+    assert (env.episode_steps[~rehearsing] == 100).all()
+    assert not env.clip_share[rehearsing].any()
+    assert torch.equal(trainer.latents.wandering, rehearsing)
+    assert env.task.randomisation.mass_scale == pytest.approx((0.7, 1.3))
 
 
 def test_what_the_discriminator_sees_is_clean(make_trainer):
@@ -152,7 +166,7 @@ def test_exploration_narrows_on_schedule(make_trainer):
 
 def test_a_new_episode_has_a_new_latent_and_its_last_state_the_old_one(make_trainer, monkeypatch):
     trainer = make_trainer(horizon=1)
-    trainer.env.steps.fill_(trainer.env.task.episode_steps - 1)
+    trainer.env.steps = trainer.env.episode_steps - 1
     trainer.latents.remaining.fill_(100)
     before, seen = trainer.latents.z, {}
     record = trainer.algorithm.record

@@ -211,13 +211,13 @@ def make_trainer(solo12, motions):
     def expert(seed):
         # Short episodes, so that resets and time-outs happen too.
         trainer = ExpertTrainer(solo12, "walk", smoke_expert(), seed=seed, device="cpu")
-        trainer.env.steps.fill_(trainer.env.task.episode_steps - 6)
+        trainer.env.steps = trainer.env.episode_steps - 6
         return trainer
 
     def low(seed, **changes):
         config = replace(smoke_low(), **{"cat_ramp": (0.0, 0.5), **changes})
         trainer = LowTrainer(solo12, motions, config, seed=seed, device="cpu")
-        trainer.env.steps.fill_(trainer.env.task.episode_steps - 12)
+        trainer.env.steps = trainer.env.episode_steps - 12
         return trainer
 
     def gan(seed):
@@ -228,7 +228,7 @@ def make_trainer(solo12, motions):
         trained = low(seed).policy()
         policy = Policy(trained.head, trained.actor)
         trainer = HighTrainer(solo12, policy, smoke_high(), seed=seed, device="cpu")
-        trainer.env.env.steps.fill_(trainer.env.env.task.episode_steps - 30)
+        trainer.env.env.steps = trainer.env.env.episode_steps - 30
         return trainer
 
     return {"expert": expert, "low": low, "low-gan": gan, "high": high}.__getitem__

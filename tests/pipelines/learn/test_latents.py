@@ -57,6 +57,24 @@ def test_a_reset_brings_a_new_latent():
     assert torch.allclose(latents.z.norm(dim=-1), torch.ones(3), atol=1e-6)
 
 
+def test_wandering_latents_move_on_in_small_steps_until_a_reset():
+    wandering = torch.arange(400) < 200
+    config = LatentConfig(min_steps=50, wander=0.1, wander_steps=2)
+    latents = LatentSchedule(400, config, seed=0)
+    latents.wandering, latents.remaining = wandering, torch.where(wandering, 2, latents.remaining)
+    nobody = torch.zeros(400, dtype=torch.bool)
+    before = latents.z
+    latents.advance(nobody)
+    assert torch.equal(latents.z, before)
+    latents.advance(nobody)
+    cosine = (latents.z * before).sum(dim=-1)
+    assert torch.equal(cosine[200:].round(decimals=4), torch.ones(200)), "the others hold theirs"
+    assert (cosine[:200] < 0.9999).all()
+    assert 0.9 < float(cosine[:200].mean()) < 0.99
+    latents.advance(wandering)
+    assert abs(float((latents.z * before).sum(dim=-1)[:200].mean())) < 0.1, "a new episode, a new latent"
+
+
 def test_old_latents_stay_as_they_were():
     """The transition being recorded may still refer to them."""
     latents = schedule(min_steps=1, max_steps=1)

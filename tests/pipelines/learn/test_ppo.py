@@ -207,6 +207,20 @@ def test_learning_rate_stays_in_its_range(make_ppo, observe):
     assert ppo.learning_rate == 9e-4
 
 
+def test_a_critic_may_learn_alone(make_ppo, observe):
+    ppo = make_ppo()
+    before = [parameter.clone() for parameter in ppo.actor.mlp.parameters()]
+    critic = [parameter.clone() for parameter in ppo.critic.mlp.parameters()]
+    for learns in (False, True):
+        ppo.actor_learns = learns
+        ppo.compute_returns(fill(ppo, observe, rewards=1.0))
+        figures = ppo.update()
+        same = [torch.equal(a, b) for a, b in zip(before, ppo.actor.mlp.parameters(), strict=True)]
+        assert all(same) is not learns
+        assert ("kl" in figures) is learns
+        assert not any(torch.equal(a, b) for a, b in zip(critic, ppo.critic.mlp.parameters(), strict=True))
+
+
 def test_means_beyond_the_bound_are_pulled_back(make_ppo, observe):
     losses = {}
     for weight in (0.0, 2.0):

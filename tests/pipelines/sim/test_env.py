@@ -18,6 +18,7 @@ from lacoloco.pipelines.sim.tasks import (
     reach_in_place_task,
     reach_task,
     walk_task,
+    widened,
 )
 from lacoloco.robots.registry import load_robot
 
@@ -317,6 +318,44 @@ def test_staggered_episodes_end_at_different_times(make_env):
     assert int(env.steps.min()) < 25
     assert 475 < int(env.steps.max()) < env.task.episode_steps
     assert 220 < float(env.steps.float().mean()) < 280
+
+
+def test_the_frame_of_a_step_is_that_before_a_push(make_env):
+    env = make_env(worlds=8)
+    env._push_at.fill_(2)
+    first, second = idle(env), idle(env)
+    assert torch.equal(first.frame, second.frame) is False
+    moved = (env.frame() - second.frame)[:, 4:10].abs().amax(dim=1)
+    assert (moved > 1e-4).all(), "the push is in the state"
+    assert torch.equal(env.frame()[:, 10:22], second.frame[:, 10:22])
+    third = idle(env)
+    assert torch.equal(third.frame, env.frame())
+
+
+def test_every_world_may_have_its_own_length_noise_and_share_of_clips(make_env, solo12, motions):
+    task = imitate_task(solo12, constrained=False)
+    env = make_env(replace(task, reset=replace(task.reset, clip_share=1.0)), worlds=6, motions=motions)
+    env.episode_steps[:3], env.noise[::2], env.clip_share[3:] = 2, 0.0, 0.0
+    env.steps.zero_()
+    clean = (env.observe()[:, :34] - env.frame()).abs().amax(dim=1) == 0.0
+    assert clean.tolist() == [True, False] * 3
+    idle(env)
+    assert idle(env).timed_out.tolist() == [True] * 3 + [False] * 3
+    env.reset(torch.ones(6, dtype=torch.bool))
+    standing = env.state.joint_vel.abs().amax(dim=1) == 0.0
+    assert standing.tolist() == [False] * 3 + [True] * 3
+    env.stagger()
+    assert (env.steps < env.episode_steps).all()
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5])
+def test_a_widened_randomisation_spreads_further_around_the_same_middle(factor):
+    wide = widened(Randomisation((0.4, 1.5), (0.8, 1.2), (0.9, 1.1), 0.02, 0.1), factor)
+    assert wide.mass_scale == pytest.approx((1.0 - 0.2 * factor, 1.0 + 0.2 * factor))
+    assert wide.inertia_scale == pytest.approx((1.0 - 0.1 * factor, 1.0 + 0.1 * factor))
+    assert (wide.base_com, wide.push) == pytest.approx((0.02 * factor, 0.1 * factor))
+    assert wide.friction == (0.4, 1.5)
+    assert widened(NO_RANDOMISATION, factor) == NO_RANDOMISATION
 
 
 def test_state_dict_goes_on_bit_for_bit(make_env, solo12, motions):

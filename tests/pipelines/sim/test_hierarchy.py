@@ -33,7 +33,7 @@ class ScriptedEnv:
         self.physics.foot_force[:, 1:3, 0] = LIMIT + 1.0
         fell, timed_out = torch.zeros(2, dtype=torch.bool), torch.zeros(2, dtype=torch.bool)
         fell[0], timed_out[0] = self.count in self.falls, self.count in self.time_outs
-        return Step(torch.ones(2), fell, timed_out, ~fell, {})
+        return Step(torch.zeros(2, 34), torch.ones(2), fell, timed_out, ~fell, {})
 
     def target_error(self):
         return torch.tensor([1.0, 2.0]) / self.count
