@@ -14,6 +14,7 @@ from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.diagnosis import high_level_warnings
 from lacoloco.pipelines.episodes import play_episodes
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.hindsight import HindsightConfig, clone_hindsight, explore
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.latents import latent_usage, project
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
@@ -25,7 +26,7 @@ from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import reach_task, widened
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import begin, describe, remove_checkpoints, train
+from lacoloco.pipelines.training import begin, describe, has_checkpoint, remove_checkpoints, train
 from lacoloco.pipelines.worlds import perhaps_any
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -42,6 +43,8 @@ class TrainHighConfig:
         worlds: parallel worlds.
         decisions: high-level samples in all; each takes five control steps.
         std: exploration std of the unnormalised latent at the start and at the end.
+        hindsight: what it begins with: random latents and where they led.
+        head_start: share of the training in which the critic learns alone.
         reward_scale: factor on the task's reward.
         fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little far from the target,
             where most falls happen: in the first two seconds, while turning towards it.
@@ -54,7 +57,9 @@ class TrainHighConfig:
 
     worlds: int = 512
     decisions: int = 1_500_000
-    std: tuple[float, float] = (0.5, 0.1)
+    std: tuple[float, float] = (0.35, 0.1)
+    hindsight: HindsightConfig = field(default_factory=HindsightConfig)
+    head_start: float = 0.02
     reward_scale: float = 10.0
     fall_penalty: float = 2.0
     near: float = 0.5
@@ -87,6 +92,7 @@ def smoke() -> TrainHighConfig:
     return TrainHighConfig(
         worlds=16,
         decisions=16 * 4 * 2,
+        hindsight=HindsightConfig(decisions=4, hold=(1, 3), steps=4, batch=64),
         ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
     )
@@ -122,6 +128,10 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     directory = begin(context, "train-high", method)
     seed = parallel.own_seed(context.seed)
     trainer = HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
+    # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
+    if mine.hindsight.decisions and not has_checkpoint(directory.path):
+        context.progress.say("trying latents and fitting the first policy to where they led")
+        trainer.warm_start()
     description = describe("train-high", method, context.seed)
     metrics = train(
         trainer,
@@ -201,7 +211,20 @@ class HighTrainer:
         self.algorithm = Ppo(sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device)
         self.head = Head("high", sizes, self.latent_dim, config.networks, layout(self.env.terms), "reach")
         self.samples_per_iteration = config.worlds * config.ppo.horizon * HOLD_STEPS
+        self.draw = torch.Generator(device).manual_seed(seed + 1)
         self.algorithm.warm_up(self._random_observations())
+
+    def warm_start(self) -> float:
+        """Begin with a policy that chooses latents by where they led before; returns the cosine to those.
+
+        Every process has its own worlds, but the first one's policy counts.
+        """
+        command, config = self.env.env.task.command, self.config.hindsight
+        memory = explore(self.env, config, self.draw)
+        columns = {row["name"]: slice(*row["slice"]) for row in self.head.layout}
+        agreement = clone_hindsight(self.algorithm.actor, memory, command, columns, config, self.draw)
+        parallel.copy_from_first(self.algorithm.actor)
+        return agreement
 
     @property
     def iterations(self) -> int:
@@ -211,6 +234,7 @@ class HighTrainer:
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
         env, algorithm, config = self.env, self.algorithm, self.config
+        algorithm.actor_learns = not config.hindsight.decisions or progress >= config.head_start
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
         obs = self._observe()
