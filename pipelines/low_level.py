@@ -64,13 +64,13 @@ class TrainLowConfig:
     """
 
     worlds: int = 512
-    samples: int = 2_000_000
+    samples: int = 3_000_000
     cat: bool = True
     cat_ramp: tuple[float, float] = (0.6, 0.8)
     clip_share: float = 0.7
     episode_s: float = 2.0
-    rehearsal: float = 0.3
-    rehearsal_from: float = 0.4
+    rehearsal: float = 0.5
+    rehearsal_from: float = 0.3
     randomisation: float = 1.25
     std: tuple[float, float] = (0.05, 0.05)
     std_between: tuple[float, float] = (0.4, 0.9)
