@@ -27,8 +27,9 @@ from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.retries import Retries
 from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
-from lacoloco.pipelines.sim.tasks import imitate_task, widened
+from lacoloco.pipelines.sim.tasks import Task, imitate_task, widened
 from lacoloco.pipelines.warm_start import clip_states, infer_actions, previous_actions
 from lacoloco.pipelines.worlds import put, select
 from lacoloco.robots.spec import RobotSpec
@@ -50,7 +51,10 @@ class TrainLowConfig:
         rehearsal: share of the worlds that live as they will under a high level: ``REHEARSAL_S`` from a standing start, with
             latents that wander.
         rehearsal_from: share of the training after which they do. A beginner that falls at every change learns to stand.
-        randomisation: factor on the spread of masses, centres of mass and pushes; evaluation is at 1.
+        randomisation: factor on the spread of masses and centres of mass; evaluation is at 1.
+        second_chances: share of falls after which the world is put back to shortly before.
+        push: how hard the robot is pushed, where it is at all [m/s, rad/s]; evaluation pushes with 0.25.
+        push_every_s: seconds between two pushes.
         std: exploration std at the start and at the end, in raw action units (x action scale = rad).
         std_between: shares of the training between which it falls from the first to the second.
         warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before everything else; 0 begins
@@ -72,6 +76,9 @@ class TrainLowConfig:
     rehearsal: float = 0.5
     rehearsal_from: float = 0.3
     randomisation: float = 1.25
+    second_chances: float = 0.7
+    push: float = 0.3
+    push_every_s: tuple[float, float] = (1.0, 3.0)
     std: tuple[float, float] = (0.05, 0.05)
     std_between: tuple[float, float] = (0.4, 0.9)
     warm_start: int = 1000
@@ -97,18 +104,12 @@ class LowTrainer:
         """Build environment, latents and learner."""
         torch.manual_seed(seed)
         self.config, self.spec, self.motions, self.seed = config, spec, library, seed
-        task = imitate_task(spec, constrained=config.cat)
-        task = replace(
-            task,
-            episode_s=config.episode_s,
-            reset=replace(task.reset, clip_share=config.clip_share),
-            randomisation=widened(task.randomisation, config.randomisation),
-        )
-        self.env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device, motions=library)
+        self.env = LeggedEnv(spec, _task(spec, config), config.worlds, seed=seed, device=device, motions=library)
         self.env.stagger()
         self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)
+        self.retries = Retries(self.env, config.latents.dim, config.second_chances, seed=seed + 4)
         self.rehearsing = torch.arange(config.worlds, device=device) < config.rehearsal * config.worlds
-        self.terminations = SoftTerminations({c.name: c.max_p for c in task.constraints})
+        self.terminations = SoftTerminations({c.name: c.max_p for c in self.env.task.constraints})
         self.draw = torch.Generator(device).manual_seed(seed + 2)
         sizes = {POLICY: width(self.env.terms), LATENT: config.latents.dim}
         self.algorithm = Ase(
@@ -174,6 +175,7 @@ class LowTrainer:
         tally = Tally()
         frame, obs = env.frame(), self._observe()
         for _ in range(config.ppo.horizon):
+            self.retries.keep(self.latents.z)
             step = env.step(algorithm.act(obs))
             next_obs = self._observe()
             delta = self.terminations(step.violations, strength) if step.violations else None
@@ -182,8 +184,10 @@ class LowTrainer:
             speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             tally.add(falls=step.fell.sum(), speed=speed, delta=None if delta is None else delta.mean())
             tally.add(**{f"violation_{name}": share for name, share in self.terminations.violated.items()})
+            again = self.retries.choose(step.fell)
             env.reset(step.done)
             self.latents.advance(step.done)
+            self.latents.z = self.retries.put_back(again, self.latents.z)
             frame, obs = env.frame(), self._observe()
         algorithm.compute_returns(obs)
         figures = algorithm.update()
@@ -241,6 +245,7 @@ class LowTrainer:
             "env": self.env.state_dict(),
             "latents": self.latents.state_dict(),
             "terminations": self.terminations.state_dict(),
+            "retries": self.retries.state_dict(),
             "draw": self.draw.get_state(),
             "recent_falls": self.recent_falls,
         } | ({"embedding": self.embedding.state_dict()} if self.config.warm_start else {})
@@ -251,6 +256,7 @@ class LowTrainer:
         self.env.load_state_dict(state["env"])
         self.latents.load_state_dict(state["latents"])
         self.terminations.load_state_dict(state["terminations"])
+        self.retries.load_state_dict(state["retries"])
         self.draw.set_state(state["draw"])
         self.recent_falls = list(state["recent_falls"])
         if self.config.warm_start:
@@ -270,3 +276,12 @@ class LowTrainer:
                 seen.append(self._observe())
         self.env.stagger()
         return torch.cat(seen)
+
+
+def _task(spec: RobotSpec, config: TrainLowConfig) -> Task:
+    task = imitate_task(spec, constrained=config.cat)
+    around = widened(task.randomisation, config.randomisation)
+    if around.push:
+        around = replace(around, push=config.push, push_interval_s=config.push_every_s)
+    reset = replace(task.reset, clip_share=config.clip_share)
+    return replace(task, episode_s=config.episode_s, reset=reset, randomisation=around)

@@ -56,7 +56,7 @@ class TrainHighConfig:
     """
 
     worlds: int = 512
-    decisions: int = 1_000_000
+    decisions: int = 1_500_000
     std: tuple[float, float] = (0.35, 0.1)
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
     head_start: float = 0.02

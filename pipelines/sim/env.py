@@ -178,6 +178,15 @@ class LeggedEnv:
         put(self._resample_at, worlds, self._later(self.task.resample_s, len(worlds)))
         put(self._push_at, worlds, self._later(self.task.randomisation.push_interval_s, len(worlds)))
 
+    def start_from(
+        self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor, action: torch.Tensor
+    ) -> None:
+        """Put worlds that have just been reset into other states: rows (K, 7 + J), (K, 6 + J), and last actions (K, J)."""
+        self.physics.reset(worlds, qpos, qvel)
+        self._read()
+        self.action = self.action.clone()
+        put(self.action, worlds, action)
+
     def stagger(self) -> None:
         """Spread the ages of the running episodes, so that time-outs do not all fall into the same iteration."""
         self.steps = (self._uniform(self.num_worlds) * self.episode_steps).long()

@@ -75,6 +75,7 @@ def test_transitions_begin_where_the_one_before_ended_or_in_a_new_episode(make_t
     trainer = make_trainer(horizon=4)
     trainer.env.steps.fill_(0)
     trainer.env.steps[::2] = trainer.env.episode_steps[::2] - 2
+    trainer.env._push_at.fill_(1000)  # a push is between two transitions
     trainer.iterate(0.0)
     before, after = halves(trainer.algorithm.transitions)
     going_on = ~trainer.algorithm.done[:-1]

@@ -70,6 +70,7 @@ def test_hips_are_those_of_the_robot(dog):
 
 
 def test_standing_feet_are_on_the_ground_whatever_the_height_of_the_floor(dog):
+    """Bug B6: the original's foot centres are on the ground, and so its foot spheres in it."""
     for shift in (0.0, 0.3):
         targets = fitted(moved(dog, shift=(0, 0, shift)))
         height = targets.points[:, MAP.foot_columns, 2][targets.contacts]

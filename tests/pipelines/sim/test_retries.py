@@ -1,0 +1,75 @@
+"""Second chances: back to where the fall was not yet decided."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.retries import DEPTH, PERIOD, Retries
+from lacoloco.pipelines.sim.tasks import imitate_task
+
+WORLDS = 3
+BACK = PERIOD * DEPTH
+
+
+@pytest.fixture
+def env(solo12):
+    return LeggedEnv(solo12, replace(imitate_task(solo12, constrained=False), noise=0.0), WORLDS, seed=0)
+
+
+def live(env, retries, steps):
+    """Sway for a while, each step under its own latent; returns states, actions and latents as they were before every step."""
+    seen, generator = [], torch.Generator().manual_seed(len(retries._kept))
+    for _ in range(steps):
+        latent = torch.randn(WORLDS, 7, generator=generator)
+        seen.append((env.physics.qpos, env.physics.qvel, env.action, latent))
+        retries.keep(latent)
+        env.step(0.05 * torch.randn(WORLDS, 12, generator=generator))
+    return seen
+
+
+@pytest.mark.parametrize("more", [1, 4, 10])
+def test_a_world_is_put_back_to_what_it_was(env, more):
+    retries = Retries(env, 7, 1.0, seed=0)
+    seen = live(env, retries, BACK + more)
+    again = retries.choose(torch.tensor([True, False, True]))
+    assert again.tolist() == [True, False, True]
+    env.reset(torch.ones(WORLDS, dtype=torch.bool))
+    fresh = env.physics.qpos[1].clone()
+    latent = retries.put_back(again, torch.zeros(WORLDS, 7))
+    age = BACK + more - next(
+        i for i, (qpos, *_) in enumerate(seen) if torch.equal(qpos[0], env.physics.qpos[0])
+    )
+    assert PERIOD * (DEPTH - 1) < age <= BACK
+    qpos, qvel, action, z = seen[BACK + more - age]
+    for world in (0, 2):
+        assert torch.equal(env.physics.qpos[world], qpos[world])
+        assert torch.equal(env.physics.qvel[world], qvel[world])
+        assert torch.equal(env.state.joint_pos[world], qpos[world, 7:])
+        assert torch.equal(env.action[world], action[world])
+        assert torch.equal(latent[world], z[world])
+    assert torch.equal(env.physics.qpos[1], fresh)
+    assert not latent[1].any()
+
+
+def test_a_fall_soon_after_a_reset_gets_no_second_chance(env):
+    retries, fell = Retries(env, 7, 1.0, seed=0), torch.ones(WORLDS, dtype=torch.bool)
+    env.steps.fill_(BACK + 1)
+    assert not retries.choose(fell).any(), "nothing is kept yet"
+    live(env, retries, BACK)
+    env.steps[:] = torch.tensor([BACK, BACK + 1, BACK + 2])
+    assert retries.choose(fell).tolist() == [False, True, True]
+    assert not retries.choose(~fell).any()
+    assert not Retries(env, 7, 0.0, seed=0).choose(fell).any()
+
+
+def test_snapshots_go_on_where_they_stopped(env):
+    first, second = Retries(env, 7, 0.5, seed=0), Retries(env, 7, 0.5, seed=9)
+    live(env, first, BACK + 3)
+    second.load_state_dict(first.state_dict())
+    fell = torch.ones(WORLDS, dtype=torch.bool)
+    assert [first.choose(fell).tolist() for _ in range(9)] == [second.choose(fell).tolist() for _ in range(9)]
+    again = torch.tensor([True, True, False])
+    latents = [retries.put_back(again, torch.zeros(WORLDS, 7)) for retries in (first, second)]
+    assert torch.equal(*latents)
