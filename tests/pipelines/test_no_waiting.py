@@ -11,13 +11,13 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines import experts, train_high
+from lacoloco.pipelines import experts, low_level, train_high
 from lacoloco.pipelines.bench import made_up_clips
 from lacoloco.pipelines.experts import ExpertTrainer, smoke_expert
 from lacoloco.pipelines.learn import latents, ppo
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level import LowTrainer
-from lacoloco.pipelines.sim import env
+from lacoloco.pipelines.sim import env, retries
 from lacoloco.pipelines.train_high import HighTrainer
 from lacoloco.pipelines.train_low import smoke as smoke_low
 
@@ -87,7 +87,7 @@ def busy(base):
         task = replace(task, randomisation=replace(task.randomisation, push_interval_s=(0.02, 0.06)))
     if task.resample_s:
         task = replace(task, resample_s=(0.02, 0.06))
-    base.task = task
+    base.task, base.episode_steps = task, torch.full_like(base.episode_steps, task.episode_steps)
     base._push_at.fill_(2)
     return base
 
@@ -98,7 +98,7 @@ def make_trainer(solo12, monkeypatch):
 
     def factory(kind, device="cpu"):
         if device == "cpu":
-            for module in (env, latents, ppo):
+            for module in (env, latents, low_level, ppo, retries):
                 monkeypatch.setattr(module, "select", lambda mask: mask)
             for module in (experts, train_high):
                 monkeypatch.setattr(module, "perhaps_any", lambda mask: True)

@@ -36,7 +36,8 @@ def test_the_low_level_stays_as_it_is(make_trainer, low):
     before = {name: value.clone() for name, value in low.actor.state_dict().items()}
     trainer = make_trainer()
     high = [parameter.clone() for parameter in trainer.algorithm.actor.parameters()]
-    trainer.iterate(0.0)
+    trainer.warm_start()
+    trainer.iterate(0.5)
     for name, value in low.actor.state_dict().items():
         assert torch.equal(value, before[name]), name
     assert any(
@@ -94,6 +95,19 @@ def test_time_outs_fall_on_the_end_of_a_decision(make_trainer):
     assert not (trainer.env.env.steps % HOLD_STEPS).any()
     assert len(trainer.env.env.steps.unique()) > 5
     assert trainer.env.env.task.episode_steps % HOLD_STEPS == 0
+
+
+def test_the_actor_waits_for_its_critic(make_trainer):
+    """What hindsight taught must not be undone by the first advantages of a critic that knows nothing."""
+    trainer = make_trainer()
+    begin = [parameter.clone() for parameter in trainer.algorithm.actor.mlp.parameters()]
+    assert -1.0 <= trainer.warm_start() <= 1.0
+    taught = [parameter.clone() for parameter in trainer.algorithm.actor.mlp.parameters()]
+    assert not all(map(torch.equal, begin, taught))
+    trainer.iterate(0.0)
+    assert all(map(torch.equal, taught, trainer.algorithm.actor.mlp.parameters()))
+    trainer.iterate(0.5)
+    assert not all(map(torch.equal, taught, trainer.algorithm.actor.mlp.parameters()))
 
 
 def test_some_worlds_see_without_noise(make_trainer):

@@ -294,7 +294,7 @@ def test_seeds_decide_the_training(kind, make_trainer, tmp_path, context):
         train(make_trainer(kind)(seed), 1, tmp_path, context, f"training {index}")
         for index, seed in enumerate((0, 0, 1))
     ]
-    assert results[0]["surrogate"] == results[1]["surrogate"] != results[2]["surrogate"]
+    assert results[0]["value"] == results[1]["value"] != results[2]["value"]
 
 
 def test_a_training_has_a_checkpoint_only_once_one_is_written(tmp_path):
