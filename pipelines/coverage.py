@@ -19,8 +19,9 @@ from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.state import RobotState, style_frame
-from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, ResetConfig, imitate_task
+from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task
 from lacoloco.robots.spec import RobotSpec
 
 WALK_SPEED = 0.15

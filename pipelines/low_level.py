@@ -27,9 +27,10 @@ from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.retries import Retries
 from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
-from lacoloco.pipelines.sim.tasks import Task, imitate_task, widened
+from lacoloco.pipelines.sim.tasks import Task, imitate_task
 from lacoloco.pipelines.warm_start import clip_states, infer_actions, previous_actions
 from lacoloco.pipelines.worlds import put, select
 from lacoloco.robots.spec import RobotSpec

@@ -13,7 +13,8 @@ from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, ResetConfig, imitate_task, reach_task
+from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
+from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, reach_task
 from lacoloco.robots.registry import load_robot
 
 

@@ -3,83 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
-
-import torch
-from tensordict import TensorDict
 
 from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.diagnosis import high_level_warnings
 from lacoloco.pipelines.episodes import play_episodes
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.hindsight import HindsightConfig, clone_hindsight, explore
+from lacoloco.pipelines.high_level import HighTrainer, TrainHighConfig
+from lacoloco.pipelines.hindsight import HindsightConfig
 from lacoloco.pipelines.learn import parallel
-from lacoloco.pipelines.learn.latents import latent_usage, project
-from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
-from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
-from lacoloco.pipelines.learn.tally import Tally
-from lacoloco.pipelines.policies import Head, Policy, load_policies, save_policies
-from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
-from lacoloco.pipelines.sim.state import layout, width
-from lacoloco.pipelines.sim.tasks import reach_task, widened
+from lacoloco.pipelines.learn.networks import NetworkConfig
+from lacoloco.pipelines.learn.ppo import PpoConfig
+from lacoloco.pipelines.policies import Policy, load_policies, save_policies
+from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training import begin, describe, has_checkpoint, remove_checkpoints, train
-from lacoloco.pipelines.worlds import perhaps_any
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
-POLICY = "policy"
 SHOWN = ("reward", "final_error", "falls_per_episode", "std")
-
-
-@dataclass(frozen=True)
-class TrainHighConfig:
-    """High-level training.
-
-    Attributes:
-        worlds: parallel worlds.
-        decisions: high-level samples in all; each takes five control steps.
-        std: exploration std of the unnormalised latent at the start and at the end.
-        hindsight: what it begins with: random latents and where they led.
-        head_start: share of the training in which the critic learns alone.
-        reward_scale: factor on the task's reward.
-        fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little far from the target,
-            where most falls happen: in the first two seconds, while turning towards it.
-        near: share of the training's targets that lie nearer than the task's; the way there takes most of an episode, and
-            only what is left of it teaches how to touch.
-        clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
-            evaluation, a policy that answers standing with a latent that stands is caught for good.
-        randomisation: factor on the spread of masses, centres of mass and pushes; evaluation is at 1.
-    """
-
-    worlds: int = 512
-    decisions: int = 1_500_000
-    std: tuple[float, float] = (0.35, 0.1)
-    hindsight: HindsightConfig = field(default_factory=HindsightConfig)
-    head_start: float = 0.02
-    reward_scale: float = 10.0
-    fall_penalty: float = 2.0
-    near: float = 0.5
-    clean: float = 0.5
-    randomisation: float = 1.25
-    ppo: PpoConfig = field(
-        default_factory=lambda: PpoConfig(
-            horizon=8,
-            epochs=5,
-            minibatches=2,
-            gamma=0.97,
-            desired_kl=0.02,
-            bound=1.5,
-            bound_weight=0.1,
-            deterministic_share=0.2,
-        )
-    )
-    networks: NetworkConfig = field(
-        default_factory=lambda: NetworkConfig(actor=(256, 128), critic=(256, 128), activation="relu")
-    )
 
 
 def laptop() -> TrainHighConfig:
@@ -183,109 +126,3 @@ def _before_and_after(
         played = play_episodes(spec, policies, episodes, worlds=episodes, seed=context.seed + 77, device=context.device)
         figures[name] = played.figures()["ee_error_mean_m"]
     return figures
-
-
-class HighTrainer:
-    """PPO over latents on the reach task; see :class:`lacoloco.pipelines.training.Trainer`."""
-
-    def __init__(self, spec: RobotSpec, low: Policy, config: TrainHighConfig, *, seed: int, device: str) -> None:
-        """Build the hierarchy and the learner."""
-        torch.manual_seed(seed)
-        self.config = config
-        task = reach_task(spec)
-        task = replace(
-            task,
-            command=replace(task.command, near=config.near),
-            randomisation=widened(task.randomisation, config.randomisation),
-        )
-        env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)
-        # Evenly among the worlds: PPO orders them by how often they act on the mean.
-        place = torch.arange(config.worlds, device=device)
-        env.noise[((place + 1) * config.clean).long() > (place * config.clean).long()] = 0.0
-        self.latent_dim = low.head.sizes["latent"]
-        self.env = LatentSteeredEnv(env, low, self.latent_dim)
-        # Whole decisions only, so that time-outs stay on the boundary between two latents.
-        decisions = (env.task.episode_steps // HOLD_STEPS, (config.worlds,))
-        env.steps = HOLD_STEPS * torch.randint(0, *decisions, generator=env.draw, device=env.device)
-        sizes = {POLICY: width(self.env.terms)}
-        self.algorithm = Ppo(sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device)
-        self.head = Head("high", sizes, self.latent_dim, config.networks, layout(self.env.terms), "reach")
-        self.samples_per_iteration = config.worlds * config.ppo.horizon * HOLD_STEPS
-        self.draw = torch.Generator(device).manual_seed(seed + 1)
-        self.algorithm.warm_up(self._random_observations())
-
-    def warm_start(self) -> float:
-        """Begin with a policy that chooses latents by where they led before; returns the cosine to those.
-
-        Every process has its own worlds, but the first one's policy counts.
-        """
-        command, config = self.env.env.task.command, self.config.hindsight
-        memory = explore(self.env, config, self.draw)
-        columns = {row["name"]: slice(*row["slice"]) for row in self.head.layout}
-        agreement = clone_hindsight(self.algorithm.actor, memory, command, columns, config, self.draw)
-        parallel.copy_from_first(self.algorithm.actor)
-        return agreement
-
-    @property
-    def iterations(self) -> int:
-        """Iterations that the budget of decisions allows."""
-        return max(1, round(self.config.decisions / (self.config.worlds * self.config.ppo.horizon)))
-
-    def iterate(self, progress: float) -> dict[str, float]:
-        """One rollout and its update."""
-        env, algorithm, config = self.env, self.algorithm, self.config
-        algorithm.actor_learns = not config.hindsight.decisions or progress >= config.head_start
-        std = geometric(config.std, progress)
-        set_std(algorithm.actor, std)
-        obs = self._observe()
-        tally = Tally()
-        for _ in range(config.ppo.horizon):
-            decision = env.step(project(algorithm.act(obs)))
-            next_obs = self._observe()
-            reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
-            algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
-            env.reset(decision.done)
-            obs = self._observe() if perhaps_any(decision.done) else next_obs
-            errors = torch.where(decision.done, decision.error, 0.0).sum()
-            speed = env.env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
-            tally.add(
-                reward=decision.reward.mean(),
-                falls=decision.fell.sum(),
-                ended=decision.done.sum(),
-                errors=errors,
-                speed=speed,
-            )
-        algorithm.compute_returns(obs)
-        usage = latent_usage(project(algorithm.storage.distribution_params[0].flatten(0, 1)))
-        figures = algorithm.update() | usage
-        sums = tally.read()
-        if ended := sums["ended"]:
-            figures |= {"final_error": sums["errors"] / ended, "falls_per_episode": sums["falls"] / ended}
-        means = {name: sums[name] / config.ppo.horizon for name in ("reward", "speed")}
-        return figures | means | {"std": std, "episodes": ended}
-
-    def policy(self) -> Policy:
-        """The trained actor, deterministic; its output is projected to the sphere by whoever uses it."""
-        return Policy(self.head, self.algorithm.actor.eval())
-
-    def state_dict(self) -> dict[str, Any]:
-        """See :class:`lacoloco.pipelines.training.Trainer`."""
-        return {"algorithm": self.algorithm.save(), "env": self.env.env.state_dict(), "latent": self.env.latent}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """See :class:`lacoloco.pipelines.training.Trainer`."""
-        self.algorithm.load(state["algorithm"], None, True)
-        self.env.env.load_state_dict(state["env"])
-        self.env.latent = state["latent"].to(self.env.device)
-
-    def _observe(self) -> TensorDict:
-        return TensorDict({POLICY: self.env.observe()}, batch_size=[self.env.num_worlds])
-
-    def _random_observations(self) -> TensorDict:
-        seen = []
-        for _ in range(8):
-            z = project(torch.randn(self.env.num_worlds, self.latent_dim, device=self.env.device))
-            decision = self.env.step(z)
-            self.env.reset(decision.done)
-            seen.append(self._observe())
-        return torch.cat(seen)

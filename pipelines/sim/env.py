@@ -7,7 +7,7 @@ reset (facts 9.2, B2, B3, B8, B9).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
@@ -19,16 +19,12 @@ from lacoloco.pipelines.sim.constraints import CONSTRAINTS
 from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.feet import FootTimer
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
-from lacoloco.pipelines.sim.physics import (
-    CONTROL_DT,
-    Physics,
-    PhysicsRequest,
-    WorldParameters,
-)
+from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest
+from lacoloco.pipelines.sim.randomisation import draw_parameters
 from lacoloco.pipelines.sim.rewards import REWARDS
 from lacoloco.pipelines.sim.starts import StandingStarts
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
-from lacoloco.pipelines.sim.tasks import Randomisation, Task
+from lacoloco.pipelines.sim.tasks import Task
 from lacoloco.pipelines.worlds import pick, put, select
 from lacoloco.robots.spec import RobotSpec
 
@@ -298,16 +294,3 @@ class LeggedEnv:
 
 
 _STATE = ("steps", "action", "command", "_resample_at", "_push_at")
-
-
-def draw_parameters(config: Randomisation, count: int, draw: torch.Generator) -> WorldParameters:
-    """Independent uniform parameters for ``count`` worlds."""
-    com = config.base_com
-    ranges = (config.friction, config.mass_scale, config.inertia_scale, *((-com, com),) * 3)
-    columns = uniform(ranges, count, draw)
-    return WorldParameters(columns[:, 0], columns[:, 1], columns[:, 2], columns[:, 3:6])
-
-
-def without_randomisation(task: Task, **changes: object) -> Task:
-    """The task as it is evaluated or recorded: no observation noise, plus any further field changes."""
-    return replace(task, noise=0.0, **changes)

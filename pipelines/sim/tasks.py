@@ -6,11 +6,12 @@ Numbers without a comment are the original's (facts 2.1 to 2.6); each deviation 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from lacoloco.pipelines.sim.commands import Range, TargetCommand, VelocityCommand
 from lacoloco.pipelines.sim.constraints import Constraint
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION, Randomisation
 from lacoloco.robots.spec import RobotSpec
 
 
@@ -24,38 +25,6 @@ class ResetConfig:
     lin_vel: float = 0.3
     ang_vel: float = 0.1
     joint_scale: Range = (0.9, 1.1)
-
-
-@dataclass(frozen=True)
-class Randomisation:
-    """What differs between worlds (drawn once per world) and how hard the base is pushed."""
-
-    friction: Range = (0.4, 1.5)
-    mass_scale: Range = (0.8, 1.2)
-    inertia_scale: Range = (0.8, 1.2)
-    base_com: float = 0.02
-    push: float = 0.1
-    push_interval_s: Range = (5.0, 8.0)
-
-
-
-def widened(randomisation: Randomisation, factor: float) -> Randomisation:
-    """The same with masses, inertias, centre of mass and pushes spread ``factor`` times as far; friction stays.
-
-    A policy trained a little beyond what it will meet has met the edge of that more than once in a thousand falls.
-    """
-    around = [(1.0 + factor * (low - 1.0), 1.0 + factor * (high - 1.0)) for low, high in
-              (randomisation.mass_scale, randomisation.inertia_scale)]
-    return replace(
-        randomisation,
-        mass_scale=around[0],
-        inertia_scale=around[1],
-        base_com=factor * randomisation.base_com,
-        push=factor * randomisation.push,
-    )
-
-
-NO_RANDOMISATION = Randomisation((1.0, 1.0), (1.0, 1.0), (1.0, 1.0), 0.0, 0.0)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,8 @@ from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchy import LatentSteeredEnv
-from lacoloco.pipelines.sim.tasks import NO_RANDOMISATION, reach_task
+from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
+from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.registry import load_robot
 

@@ -11,14 +11,14 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines import experts, low_level, train_high
+from lacoloco.pipelines import experts, high_level, low_level, train_high
 from lacoloco.pipelines.bench import made_up_clips
 from lacoloco.pipelines.experts import ExpertTrainer, smoke_expert
+from lacoloco.pipelines.high_level import HighTrainer
 from lacoloco.pipelines.learn import latents, ppo
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level import LowTrainer
 from lacoloco.pipelines.sim import env, retries
-from lacoloco.pipelines.train_high import HighTrainer
 from lacoloco.pipelines.train_low import smoke as smoke_low
 
 READS = (
@@ -100,7 +100,7 @@ def make_trainer(solo12, monkeypatch):
         if device == "cpu":
             for module in (env, latents, low_level, ppo, retries):
                 monkeypatch.setattr(module, "select", lambda mask: mask)
-            for module in (experts, train_high):
+            for module in (experts, high_level):
                 monkeypatch.setattr(module, "perhaps_any", lambda mask: True)
         library = MotionLibrary(made_up_clips(solo12, 2, seconds=1.0), device=device)
         config = replace(smoke_low(), cat_ramp=(0.0, 0.5), worlds=8)

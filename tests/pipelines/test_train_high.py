@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 import torch
 
+from lacoloco.pipelines.high_level import HighTrainer
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
-from lacoloco.pipelines.train_high import HighTrainer, smoke
+from lacoloco.pipelines.train_high import smoke
 
 
 @pytest.fixture

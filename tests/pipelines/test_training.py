@@ -12,10 +12,10 @@ from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import train_low, training
 from lacoloco.pipelines.experts import ExpertTrainer, smoke_expert
+from lacoloco.pipelines.high_level import HighTrainer
 from lacoloco.pipelines.low_level import LowTrainer
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.stage import Silent, StageContext
-from lacoloco.pipelines.train_high import HighTrainer
 from lacoloco.pipelines.train_high import smoke as smoke_high
 from lacoloco.pipelines.train_low import smoke as smoke_low
 from lacoloco.pipelines.training import remove_checkpoints, train

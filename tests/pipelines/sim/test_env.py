@@ -7,18 +7,21 @@ import pytest
 import torch
 
 from lacoloco.pipelines.sim import env as env_module
-from lacoloco.pipelines.sim.env import LeggedEnv, draw_parameters
+from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.randomisation import (
+    NO_RANDOMISATION,
+    Randomisation,
+    draw_parameters,
+    widened,
+)
 from lacoloco.pipelines.sim.state import layout, noise_scale, style_frame
 from lacoloco.pipelines.sim.tasks import (
-    NO_RANDOMISATION,
     TASKS,
-    Randomisation,
     imitate_task,
     reach_in_place_task,
     reach_task,
     walk_task,
-    widened,
 )
 from lacoloco.robots.registry import load_robot
 

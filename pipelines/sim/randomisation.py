@@ -1,0 +1,49 @@
+"""What differs between worlds: drawn once per world, and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+
+from lacoloco.pipelines.sim.commands import Range, uniform
+from lacoloco.pipelines.sim.physics import WorldParameters
+
+
+@dataclass(frozen=True)
+class Randomisation:
+    """What differs between worlds (drawn once per world) and how hard the base is pushed."""
+
+    friction: Range = (0.4, 1.5)
+    mass_scale: Range = (0.8, 1.2)
+    inertia_scale: Range = (0.8, 1.2)
+    base_com: float = 0.02
+    push: float = 0.1
+    push_interval_s: Range = (5.0, 8.0)
+
+
+NO_RANDOMISATION = Randomisation((1.0, 1.0), (1.0, 1.0), (1.0, 1.0), 0.0, 0.0)
+
+
+def widened(randomisation: Randomisation, factor: float) -> Randomisation:
+    """The same with masses, inertias, centre of mass and pushes spread ``factor`` times as far; friction stays.
+
+    A policy trained a little beyond what it will meet has met the edge of that more than once in a thousand falls.
+    """
+    scales = (randomisation.mass_scale, randomisation.inertia_scale)
+    around = [(1.0 + factor * (low - 1.0), 1.0 + factor * (high - 1.0)) for low, high in scales]
+    return replace(
+        randomisation,
+        mass_scale=around[0],
+        inertia_scale=around[1],
+        base_com=factor * randomisation.base_com,
+        push=factor * randomisation.push,
+    )
+
+
+def draw_parameters(config: Randomisation, count: int, draw: torch.Generator) -> WorldParameters:
+    """Independent uniform parameters for ``count`` worlds."""
+    com = config.base_com
+    ranges = (config.friction, config.mass_scale, config.inertia_scale, *((-com, com),) * 3)
+    columns = uniform(ranges, count, draw)
+    return WorldParameters(columns[:, 0], columns[:, 1], columns[:, 2], columns[:, 3:6])
