@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
+from scipy.linalg.lapack import dpbsv
 
 REACH = 3
 """Frames that one is coupled to, each way."""
@@ -36,8 +36,8 @@ class BandLayout:
         frames = len(number) - k
         column, row = number[:frames, :, None], number[k:, None, :]
         used = self._active[:frames, :, None] & self._active[k:, None, :] & (row >= column)
-        # MuJoCo keeps, row after row, what is left of the diagonal and the diagonal last.
-        places = row * self._width + column - row + self._width - 1
+        # LAPACK keeps, column after column, the diagonal and what is below it.
+        places = column * self._width + row - column
         return np.flatnonzero(used), places[used]
 
     def solve(self, blocks: list[np.ndarray], right: np.ndarray) -> np.ndarray:
@@ -56,11 +56,9 @@ class BandLayout:
         band = np.zeros(self._size * self._width)
         for block, (source, target) in zip(blocks, self._places, strict=True):
             band[target] = block.ravel()[source]
-        known, found = right[self._active], np.zeros(self._size)
-        least = mujoco.mju_cholFactorBand(band, self._size, self._width, 0, 0.0, 0.0)
-        if least > 0:
-            mujoco.mju_cholSolveBand(found, band, known, self._size, self._width, 0)
-        if not least > 0 or not np.isfinite(found).all():
+        columns = band.reshape(self._size, self._width).T
+        _, found, failed = dpbsv(columns, right[self._active], lower=1, overwrite_ab=1)
+        if failed or not np.isfinite(found).all():
             raise np.linalg.LinAlgError("not positive definite")
         values = np.zeros(right.shape)
         values[self._active] = found
