@@ -48,7 +48,7 @@ class TrainHighConfig:
 
     worlds: int = 512
     decisions: int = 1_500_000
-    std: tuple[float, float] = (0.35, 0.1)
+    std: tuple[float, float] = (0.5, 0.12)
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
     head_start: float = 0.02
     reward_scale: float = 10.0
