@@ -47,7 +47,7 @@ class TrainHighConfig:
     """
 
     worlds: int = 512
-    decisions: int = 1_500_000
+    decisions: int = 2_000_000
     std: tuple[float, float] = (0.5, 0.12)
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
     head_start: float = 0.02
@@ -65,7 +65,8 @@ class TrainHighConfig:
             desired_kl=0.02,
             bound=1.5,
             bound_weight=0.1,
-            deterministic_share=0.2,
+            deterministic_share=0.4,
+            spell=10.0,
         )
     )
     networks: NetworkConfig = field(

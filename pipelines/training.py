@@ -22,7 +22,7 @@ from lacoloco.pipelines.stage import StageContext
 
 CHECKPOINT = "lacoloco/checkpoint"
 CHECKPOINT_SECONDS = 60.0
-INDIVIDUAL = ("env", "latent", "latents", "retries", "draw")
+INDIVIDUAL = ("env", "latent", "latents", "retries", "exploring", "draw")
 """Parts of a trainer's state that every process of a training has for itself: its worlds and its generators."""
 
 

@@ -33,6 +33,8 @@ class PpoConfig:
         bound: soft limit on |mean action|, with weight ``bound_weight`` (facts 4).
         deterministic_share: mean share of steps with the mean action; world i acts on its mean with a fixed probability
             that rises from 0 to 1 over the worlds (facts 4, eps-greedy), so that the mean is trained to work alone.
+        spell: mean number of steps until a world decides anew whether to sample. In long spells the mean gets into whatever
+            it gets into by itself, a standstill above all, and exploration then begins there.
     """
 
     horizon: int = 32
@@ -51,6 +53,7 @@ class PpoConfig:
     bound: float = 1.1
     bound_weight: float = 0.0
     deterministic_share: float = 0.0
+    spell: float = 1.0
 
 
 class Ppo(PPO):
@@ -88,6 +91,7 @@ class Ppo(PPO):
         self.optimizer = torch.optim.Adam(groups, fused=True)
         self._set_learning_rate(config.learning_rate)
         self.sampling_probability = deterministic_schedule(num_worlds, config.deterministic_share).to(device)
+        self.exploring = torch.ones(num_worlds, dtype=torch.bool, device=device)
         self.actor_learns = True
         """False leaves the actor as it is, for as long as the critic's advantages would only harm it."""
         shape = (config.horizon, num_worlds)
@@ -96,7 +100,9 @@ class Ppo(PPO):
 
     def act(self, obs: TensorDict) -> torch.Tensor:
         """(N, A) actions for observations (N rows); samples, except where this world acts on its mean this step."""
-        explore = torch.rand(self.num_worlds, device=self.device) < self.sampling_probability
+        sample, anew = torch.rand(2, self.num_worlds, device=self.device)
+        explore = torch.where(anew * self.config.spell < 1.0, sample < self.sampling_probability, self.exploring)
+        self.exploring = explore
         obs[EXPLORE] = explore[:, None].float()
         with torch.no_grad():
             sampled = super().act(obs)
@@ -188,10 +194,15 @@ class Ppo(PPO):
         self.storage.clear()
         return figures
 
+    def save(self) -> dict[str, object]:
+        """rsl_rl's state and which worlds explore."""
+        return super().save() | {"exploring": self.exploring}
+
     def load(self, loaded_dict: dict, load_cfg: dict | None = None, strict: bool = True) -> bool:
         """Restore rsl_rl's ``save``; the learning rate comes back to where it is used."""
         iteration = super().load(loaded_dict, load_cfg, strict)
         self._set_learning_rate(self.learning_rate)
+        self.exploring = loaded_dict["exploring"].to(self.device)
         return iteration
 
     def _loss(self, batch: RolloutStorage.Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:

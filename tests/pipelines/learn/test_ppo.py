@@ -58,6 +58,22 @@ def test_deterministic_steps_act_on_the_mean_and_say_so(make_ppo, observe):
     assert obs[EXPLORE].flatten().tolist() == [1.0, 0.0, 1.0, 0.0]
 
 
+def test_worlds_explore_in_spells(make_ppo, observe):
+    """On average a new decision every 10 steps, by the same odds as ever."""
+    torch.manual_seed(0)
+    ppo, obs, seen = make_ppo(spell=10.0), observe(), []
+    ppo.sampling_probability = torch.tensor([1.0, 0.0, 0.5, 0.5])
+    for _ in range(4000):
+        ppo.act(obs)
+        seen.append(ppo.exploring)
+    seen = torch.stack(seen[100:]).float()
+    assert seen[:, 0].all()
+    assert not seen[:, 1].any()
+    assert seen[:, 2:].mean() == pytest.approx(0.5, abs=0.05)
+    changes = seen[1:, 2:] != seen[:-1, 2:]
+    assert float(changes.float().mean()) == pytest.approx(0.05, abs=0.01), "half of the decisions change nothing"
+
+
 def test_deterministic_steps_have_no_say_in_the_policy(make_ppo, observe):
     """Whatever their advantage: only the critic learns from them."""
     gradients = []
