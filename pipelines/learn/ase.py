@@ -138,12 +138,12 @@ class Ase(Ppo):
         """
         if not self.ase.diversity:
             return None
-        some = batch.observations[: max(1, int(DIVERSITY_SHARE * len(mean)))]
-        z, weight = some[LATENT], some[EXPLORE].squeeze(-1)
-        other = project(torch.randn_like(z))
-        moved = self.actor(TensorDict({POLICY: some[POLICY], LATENT: other}, batch_size=[len(z)]))
+        count = max(1, int(DIVERSITY_SHARE * len(mean)))
+        policy, z, explore = (batch.observations[name][:count] for name in (POLICY, LATENT, EXPLORE))
+        other, weight = project(torch.randn_like(z)), explore.squeeze(-1)
+        moved = self.actor(TensorDict({POLICY: policy, LATENT: other}, batch_size=[count]))
         distance = 0.5 - 0.5 * (z * other).sum(dim=-1)
-        ratio = (mean[: len(z)] - moved).square().mean(dim=-1) / (distance + 1e-5)
+        ratio = (mean[:count] - moved).square().mean(dim=-1) / (distance + 1e-5)
         return self.ase.diversity * ((1.0 - ratio).square() * weight).sum() / weight.sum().clamp_min(1.0)
 
     def save(self) -> dict[str, object]:

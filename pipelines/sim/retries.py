@@ -13,6 +13,8 @@ from lacoloco.pipelines.worlds import pick, put, select
 
 PERIOD, DEPTH = 10, 5
 """Control steps between two snapshots, and how many are kept: a world is put back by 0.8 to 1 s."""
+STATE_BYTES = 1 << 20
+"""Snapshots of more are not kept in a checkpoint, which has to travel: a resumed training then begins without any."""
 
 
 class Retries:
@@ -59,11 +61,13 @@ class Retries:
 
     def state_dict(self) -> dict[str, object]:
         """Snapshots, their count, generator."""
-        return {"count": self._count, "draw": self.draw.get_state(), **self._kept}
+        small = sum(values.nbytes for values in self._kept.values()) <= STATE_BYTES
+        kept = self._kept if small else {}
+        return {"count": self._count if small else 0, "draw": self.draw.get_state(), **kept}
 
     def load_state_dict(self, state: dict[str, object]) -> None:
         """Restore :meth:`state_dict`."""
         self._count = int(state["count"])
         self.draw.set_state(state["draw"])
-        for name in self._kept:
+        for name in self._kept.keys() & state.keys():
             self._kept[name] = state[name].to(self.env.device)

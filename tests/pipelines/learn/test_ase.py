@@ -211,7 +211,7 @@ def test_more_updates_than_rows_wrap_around(make_ase):
 
 
 def test_diversity_by_hand(make_ase, monkeypatch):
-    """(1 - |mu(z) - mu(z')|^2 / 2 / D_z)^2 with D_z = 0.5 (1 - z . z'), over exploring rows."""
+    """(1 - |mu(z) - mu(z')|^2 / 2 / D_z)^2 with D_z = 0.5 (1 - z . z'), over the exploring rows of the first quarter."""
     ase = make_ase(diversity=0.01)
     z = torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     other = torch.tensor([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
@@ -219,9 +219,9 @@ def test_diversity_by_hand(make_ase, monkeypatch):
     mean, moved = torch.zeros(3, 2), torch.tensor([[1.0, 0.0], [1.0, 1.0], [9.0, 9.0]])
     ase.actor = lambda obs: moved if torch.equal(obs["latent"], other) else None
     explore = torch.tensor([[1.0], [1.0], [0.0]])
-    batch = SimpleNamespace(
-        observations={"policy": torch.zeros(3, 5), "latent": z, "explore": explore}
-    )
+    groups = {"policy": torch.zeros(3, 5), "latent": z, "explore": explore}
+    batch = SimpleNamespace(observations={name: rows.repeat(4, 1) for name, rows in groups.items()})
+    mean = torch.cat((mean, torch.full((9, 2), 7.0)))
     # D_z is 0.5 and 1; mean squared moves are 0.5 and 1: both ratios are 1.
     assert float(ase.auxiliary_loss(batch, mean)) == pytest.approx(0.0, abs=1e-6)
     moved[1] = 0.0

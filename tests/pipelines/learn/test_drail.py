@@ -59,8 +59,8 @@ def test_logit_is_the_scaled_difference_of_two_mean_errors():
                 noisy = noisy + (1 - network.alpha_bar[t]).sqrt() * eps
                 hidden = network.entry(noisy) + network.time.weight[t] + network.label.weight[label]
                 for layer in network.hidden:
-                    hidden = layer(torch.nn.functional.elu(hidden))
-                predicted = network.exit(torch.nn.functional.elu(hidden))
+                    hidden = layer(torch.nn.functional.relu(hidden))
+                predicted = network.exit(torch.nn.functional.relu(hidden))
                 errors[label, row] += (predicted - eps).square().mean().detach() / SMALL.samples
     expected = SMALL.scale * (errors[0] - errors[1])
     found = network.logits(sample, generator(1))

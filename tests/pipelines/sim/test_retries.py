@@ -73,3 +73,13 @@ def test_snapshots_go_on_where_they_stopped(env):
     again = torch.tensor([True, True, False])
     latents = [retries.put_back(again, torch.zeros(WORLDS, 7)) for retries in (first, second)]
     assert torch.equal(*latents)
+
+
+def test_snapshots_of_many_worlds_stay_out_of_checkpoints(env, monkeypatch):
+    monkeypatch.setattr("lacoloco.pipelines.sim.retries.STATE_BYTES", 100)
+    first, second = Retries(env, 7, 1.0, seed=0), Retries(env, 7, 1.0, seed=9)
+    live(env, first, BACK + 3)
+    state = first.state_dict()
+    assert set(state) == {"count", "draw"}
+    second.load_state_dict(state)
+    assert not second.choose(torch.ones(WORLDS, dtype=torch.bool)).any(), "it begins without any"
