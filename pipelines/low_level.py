@@ -50,7 +50,7 @@ class TrainLowConfig:
         episode_s: seconds until a time-out. Far shorter than the original's 10 s: a policy that cannot walk yet leaves a
             clip's motion within tenths of a second, and only just after a reset can it learn to stay in it longer.
         rehearsal: share of the worlds that live as they will under a high level: ``REHEARSAL_S`` from a standing start, with
-            latents that wander.
+            latents that wander, slowly in some worlds and fast in others.
         rehearsal_from: share of the training after which they do. A beginner that falls at every change learns to stand.
         randomisation: factor on the spread of masses and centres of mass; evaluation is at 1.
         second_chances: share of falls after which the world is put back to shortly before.

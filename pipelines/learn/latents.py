@@ -41,35 +41,38 @@ class LatentConfig:
         dim: dimension of z.
         min_steps: fewest control steps for which one is held.
         max_steps: most of them.
-        wander: step of a wandering latent, the standard deviation of what is added to the unit vector.
+        wander: steps of the slowest and of the fastest wandering latent, the standard deviation of what is added to the unit
+            vector. At 0.03 a skill lasts, at 1 the skills blur into something that is none of them: a high level does both.
         wander_steps: control steps between two such steps.
+        jump: share of the steps that lead anywhere instead.
     """
 
     dim: int = 7
     min_steps: int = 1
     max_steps: int = 149
-    wander: float = 0.7
+    wander: tuple[float, float] = (0.03, 1.0)
     wander_steps: int = 5
+    jump: float = 0.05
 
 
 class LatentSchedule:
     """The latent of every world: held for a random while, new at every reset; all uniform on the sphere.
 
-    Those of the worlds that wander move on in small steps, as under a high level that makes up its mind.
+    Those of the worlds that wander move on in steps, each world in its own, as under a high level that makes up its mind.
     """
 
     def __init__(
-        self,
-        num_worlds: int,
-        config: LatentConfig,
-        *,
-        seed: int,
-        device: torch.device | str = "cpu",
+        self, num_worlds: int, config: LatentConfig, *, seed: int, device: torch.device | str = "cpu"
     ) -> None:
         """Draw a latent (N, dim) and its duration for every world."""
         self.config, self.draw, self.device = config, torch.Generator(device).manual_seed(seed), device
         self.wandering = torch.zeros(num_worlds, dtype=torch.bool, device=device)
         """(N,) bool, which worlds wander; none until somebody says so."""
+        # Multiples of the golden ratio: evenly spread over whichever worlds wander.
+        place = torch.arange(num_worlds, device=device) * 0.6180339887498949 % 1.0
+        slowest, fastest = config.wander
+        self.stride = slowest * (fastest / slowest) ** place
+        """(N,) how far a world's latent wanders at once."""
         self.z = sample_latents(num_worlds, config.dim, self.draw)
         self.remaining = self._durations(torch.arange(num_worlds, device=device))
 
@@ -94,8 +97,10 @@ class LatentSchedule:
 
     def _next(self, worlds: torch.Tensor, done: torch.Tensor) -> torch.Tensor:
         fresh = torch.randn(len(worlds), self.config.dim, generator=self.draw, device=self.draw.device)
-        goes_on = pick(self.wandering & ~done, worlds)[:, None]
-        return project(torch.where(goes_on, pick(self.z, worlds) + self.config.wander * fresh, fresh))
+        jumps = torch.rand(len(worlds), generator=self.draw, device=self.draw.device) < self.config.jump
+        goes_on = pick(self.wandering & ~done, worlds) & ~jumps
+        moved = pick(self.z, worlds) + pick(self.stride, worlds)[:, None] * fresh
+        return project(torch.where(goes_on[:, None], moved, fresh))
 
     def _durations(self, worlds: torch.Tensor) -> torch.Tensor:
         low, high = self.config.min_steps, self.config.max_steps

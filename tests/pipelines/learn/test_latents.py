@@ -59,7 +59,7 @@ def test_a_reset_brings_a_new_latent():
 
 def test_wandering_latents_move_on_in_small_steps_until_a_reset():
     wandering = torch.arange(400) < 200
-    config = LatentConfig(min_steps=50, wander=0.1, wander_steps=2)
+    config = LatentConfig(min_steps=50, wander=(0.1, 0.1), wander_steps=2, jump=0.0)
     latents = LatentSchedule(400, config, seed=0)
     latents.wandering, latents.remaining = wandering, torch.where(wandering, 2, latents.remaining)
     nobody = torch.zeros(400, dtype=torch.bool)
@@ -73,6 +73,18 @@ def test_wandering_latents_move_on_in_small_steps_until_a_reset():
     assert 0.9 < float(cosine[:200].mean()) < 0.99
     latents.advance(wandering)
     assert abs(float((latents.z * before).sum(dim=-1)[:200].mean())) < 0.1, "a new episode, a new latent"
+
+
+def test_every_wandering_world_has_a_stride_of_its_own_and_some_steps_are_jumps():
+    latents = LatentSchedule(4000, LatentConfig(wander=(0.03, 1.0), wander_steps=1, jump=0.1), seed=0)
+    latents.wandering[:], latents.remaining[:] = True, 1
+    before = latents.z
+    latents.advance(torch.zeros(4000, dtype=torch.bool))
+    cosine = (latents.z * before).sum(dim=-1)
+    slow, fast = latents.stride < 0.05, latents.stride > 0.7
+    assert 0.1 < float(slow.float().mean()) < 0.2, "a seventh of the strides, geometrically spread"
+    assert float(cosine[slow].median()) > 0.99 > 0.6 > float(cosine[fast].median())
+    assert 0.05 < float((cosine[slow] < 0.9).float().mean()) < 0.15, "the jumps"
 
 
 def test_old_latents_stay_as_they_were():
