@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import torch
 from tensordict import TensorDict
 
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines.coverage import SkillCoverage
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
@@ -25,6 +23,7 @@ from lacoloco.pipelines.learn.skill_embedding import (
 )
 from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy
+from lacoloco.pipelines.selection import Selection
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import widened
@@ -66,6 +65,8 @@ class TrainLowConfig:
         skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
         coverage_every: samples between two measurements of the deterministic skill coverage (0: only at the end).
         coverage_latents: latents held in each of them.
+        choose_from: share of the training after which every policy measured may be the one that is kept (``selection.py``);
+            the constraint should be in force by then.
     """
 
     worlds: int = 512
@@ -88,9 +89,10 @@ class TrainLowConfig:
     skill_shares: tuple[tuple[str, float], ...] = ()
     coverage_every: int = 250_000
     coverage_latents: int = 256
+    choose_from: float = 0.8
     latents: LatentConfig = field(default_factory=LatentConfig)
     ppo: PpoConfig = field(
-        default_factory=lambda: PpoConfig(horizon=16, minibatches=2, gamma=0.98, desired_kl=0.02, learning_rate=5e-5)
+        default_factory=lambda: PpoConfig(horizon=16, epochs=4, minibatches=2, gamma=0.98, desired_kl=0.02, learning_rate=5e-5)
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
     ase: AseConfig = field(default_factory=AseConfig)
@@ -130,6 +132,7 @@ class LowTrainer:
             self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
             self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
         self.head = Head("low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate")
+        self.selection = Selection(spec, library, self.head, latents=config.coverage_latents, seed=seed)
         self.samples_per_iteration = config.worlds * config.ppo.horizon
         self.recent_falls: list[float] = []
         self.algorithm.warm_up(self._first_observations())
@@ -194,7 +197,7 @@ class LowTrainer:
         figures = algorithm.update()
         sums = tally.read()
         self.recent_falls.append(sums["falls"] * parallel.size())
-        return figures | self._coverage(progress) | {
+        return figures | self._examine(progress) | {
             "speed": sums["speed"] / config.ppo.horizon,
             "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
             "delta": sums.get("delta", 0.0) / config.ppo.horizon,
@@ -212,32 +215,38 @@ class LowTrainer:
     def _starts(self, count: int) -> torch.Tensor:
         """(count,) rows of the clips' states, drawn as demonstrations are."""
         return self.clips.rows(*self.motions.sample(count, generator=self.draw, margin=CONTROL_DT))
-    @cached_property
-    def coverage(self) -> SkillCoverage:
-        """What measures the skills; beside the training and without a hand in it."""
-        return SkillCoverage(self.spec, self.motions, latents=self.config.coverage_latents, seed=self.seed)
 
-    def _coverage(self, progress: float) -> dict[str, float]:
+    def _examine(self, progress: float) -> dict[str, float]:
         done = round(progress * self.iterations) + 1
         before, after = (count * self.samples_per_iteration for count in (done - 1, done))
-        every = self.config.coverage_every
-        if parallel.rank() or done != self.iterations and not (every and after // every > before // every):
+        every, last = self.config.coverage_every, done == self.iterations
+        if parallel.rank() or not last and not (every and after // every > before // every):
             return {}
-        return self.coverage.measure(Policy(self.head, self.algorithm.actor))
+        actor = self.algorithm.actor
+        if last or progress >= self.config.choose_from:
+            return self.selection.examine(actor, after * parallel.size())
+        return self.selection.measure(actor)
 
     def closing_figures(self) -> dict[str, float]:
-        """Falls in the last hundredth of the samples and the clips' mean planar speed [m/s], to compare with ``speed``."""
+        """What is known at the end only.
+
+        Returns:
+            Falls in the last hundredth of the samples; the clips' mean planar speed [m/s], to compare with ``speed``; worlds
+            that diverged; after how many samples the chosen policy was seen, and its coverage.
+        """
         last = max(1, len(self.recent_falls) // 100)
         frames = self.demonstrations(16384)[:, : self.algorithm.transitions.shape[-1] // 2]
         return {
             "falls_last_1pct": sum(self.recent_falls[-last:]),
             "clip_speed": float(frames[:, 4:6].norm(dim=-1).mean()),
             "diverged_worlds": float(self.env.diverged_total),
+            "chosen_after": float(self.selection.chosen["samples"]),
+            **self.selection.chosen["figures"],
         }
 
     def policy(self) -> Policy:
-        """The trained actor, deterministic."""
-        return Policy(self.head, self.algorithm.actor.eval())
+        """The best actor seen, deterministic."""
+        return Policy(self.head, self.selection.best(self.algorithm.actor))
 
     def state_dict(self) -> dict[str, Any]:
         """See :class:`lacoloco.pipelines.training.Trainer`."""
@@ -249,6 +258,7 @@ class LowTrainer:
             "retries": self.retries.state_dict(),
             "draw": self.draw.get_state(),
             "recent_falls": self.recent_falls,
+            "chosen": self.selection.chosen,
         } | ({"embedding": self.embedding.state_dict()} if self.config.warm_start else {})
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -260,6 +270,7 @@ class LowTrainer:
         self.retries.load_state_dict(state["retries"])
         self.draw.set_state(state["draw"])
         self.recent_falls = list(state["recent_falls"])
+        self.selection.chosen = state["chosen"]
         if self.config.warm_start:
             self.embedding.load_state_dict(state["embedding"])
 

@@ -58,7 +58,7 @@ class AseConfig:
     reward_ceiling: float = 5.0
     max_accuracy: float = 0.75
     diversity: float = 0.01
-    updates: int = 3
+    updates: int = 2
     batch: int = 1024
     learning_rate: float = 3e-4
     encoder_learning_rate: float = 3e-4

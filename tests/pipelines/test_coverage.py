@@ -106,6 +106,7 @@ def test_a_measured_training_is_the_one_it_would_have_been(solo12, motions):
 def test_coverage_is_measured_when_its_samples_are_full_and_at_the_end(solo12, motions):
     config = replace(smoke(), samples=128 * 5, coverage_every=250)
     trainer = LowTrainer(solo12, motions, config, seed=0, device="cpu")
-    trainer.coverage.measure = lambda policy: {"coverage_walk": 0.5}
+    trainer.selection.measure = lambda actor: {"coverage_walk": 0.5}
+    trainer.selection.examine = lambda actor, samples: {"coverage_walk": 0.5, "score": 0.0}
     seen = ["coverage_walk" in trainer.iterate(step / 5) for step in range(5)]
     assert seen == [False, True, False, True, True], "after 256, 512 and all 640 samples"
