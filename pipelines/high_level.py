@@ -33,7 +33,7 @@ class TrainHighConfig:
     Attributes:
         worlds: parallel worlds.
         decisions: high-level samples in all; each takes five control steps.
-        std: exploration std of the unnormalised latent at the start and at the end.
+        std: exploration std of the unnormalised latent at the start and at the end; bold spells keep that of the start.
         hindsight: what it begins with: random latents and where they led.
         head_start: share of the training in which the critic learns alone.
         reward_scale: factor on the task's reward.
@@ -67,6 +67,7 @@ class TrainHighConfig:
             bound_weight=0.1,
             deterministic_share=0.4,
             spell=10.0,
+            bold_share=0.15,
         )
     )
     networks: NetworkConfig = field(
@@ -126,6 +127,7 @@ class HighTrainer:
         algorithm.actor_learns = not config.hindsight.decisions or progress >= config.head_start
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
+        algorithm.exploration.boldness = config.std[0] / std
         obs = self._observe()
         tally = Tally()
         for _ in range(config.ppo.horizon):

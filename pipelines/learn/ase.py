@@ -140,7 +140,7 @@ class Ase(Ppo):
             return None
         count = max(1, int(DIVERSITY_SHARE * len(mean)))
         policy, z, explore = (batch.observations[name][:count] for name in (POLICY, LATENT, EXPLORE))
-        other, weight = project(torch.randn_like(z)), explore.squeeze(-1)
+        other, weight = project(torch.randn_like(z)), (explore.squeeze(-1) > 0.0).float()
         moved = self.actor(TensorDict({POLICY: policy, LATENT: other}, batch_size=[count]))
         distance = 0.5 - 0.5 * (z * other).sum(dim=-1)
         ratio = (mean[:count] - moved).square().mean(dim=-1) / (distance + 1e-5)

@@ -14,12 +14,13 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from lacoloco.pipelines.learn import parallel
+from lacoloco.pipelines.learn.exploration import Exploration
 from lacoloco.pipelines.learn.networks import NetworkConfig, example, make_actor, make_critic
 from lacoloco.pipelines.learn.returns import advantages
 from lacoloco.pipelines.worlds import pick, put, select
 
 EXPLORE = "explore"
-"""Observation group (N, 1): 1 where this step's action was sampled, 0 where it was the mean."""
+"""Observation group (N, 1): factor on the std that this step's action was sampled with, 0 where it was the mean."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class PpoConfig:
     bound_weight: float = 0.0
     deterministic_share: float = 0.0
     spell: float = 1.0
+    bold_share: float = 0.0
 
 
 class Ppo(PPO):
@@ -90,8 +92,7 @@ class Ppo(PPO):
         ]
         self.optimizer = torch.optim.Adam(groups, fused=True)
         self._set_learning_rate(config.learning_rate)
-        self.sampling_probability = deterministic_schedule(num_worlds, config.deterministic_share).to(device)
-        self.exploring = torch.ones(num_worlds, dtype=torch.bool, device=device)
+        self.exploration = Exploration(num_worlds, config.deterministic_share, config.spell, config.bold_share, device)
         self.actor_learns = True
         """False leaves the actor as it is, for as long as the critic's advantages would only harm it."""
         shape = (config.horizon, num_worlds)
@@ -99,15 +100,14 @@ class Ppo(PPO):
         self.done = torch.zeros(shape, dtype=torch.bool, device=device)
 
     def act(self, obs: TensorDict) -> torch.Tensor:
-        """(N, A) actions for observations (N rows); samples, except where this world acts on its mean this step."""
-        sample, anew = torch.rand(2, self.num_worlds, device=self.device)
-        explore = torch.where(anew * self.config.spell < 1.0, sample < self.sampling_probability, self.exploring)
-        self.exploring = explore
-        obs[EXPLORE] = explore[:, None].float()
+        """(N, A) actions for observations (N rows), each sampled as far from the mean as this world explores now."""
+        scale = self.exploration.advance()
+        obs[EXPLORE] = scale[:, None]
         with torch.no_grad():
             sampled = super().act(obs)
-        mean = self.transition.distribution_params[0]
-        self.transition.actions = torch.where(explore[:, None], sampled, mean)
+        mean, std = self.transition.distribution_params
+        self.transition.actions = mean + scale[:, None] * (sampled - mean)
+        self.transition.actions_log_prob = _gaussian_log_prob(self.transition.actions, mean, _scaled(std, scale))
         return self.transition.actions
 
     def record(
@@ -195,14 +195,14 @@ class Ppo(PPO):
         return figures
 
     def save(self) -> dict[str, object]:
-        """rsl_rl's state and which worlds explore."""
-        return super().save() | {"exploring": self.exploring}
+        """rsl_rl's state and how each world explores."""
+        return super().save() | {"exploring": self.exploration.kind}
 
     def load(self, loaded_dict: dict, load_cfg: dict | None = None, strict: bool = True) -> bool:
         """Restore rsl_rl's ``save``; the learning rate comes back to where it is used."""
         iteration = super().load(loaded_dict, load_cfg, strict)
         self._set_learning_rate(self.learning_rate)
-        self.exploring = loaded_dict["exploring"].to(self.device)
+        self.exploration.kind = loaded_dict["exploring"].to(self.device)
         return iteration
 
     def _loss(self, batch: RolloutStorage.Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
@@ -210,12 +210,13 @@ class Ppo(PPO):
         value = (self.critic(batch.observations) - batch.returns).square().mean()
         if not self.actor_learns:
             return value, {"value": value}
-        weight = batch.observations[EXPLORE].squeeze(-1)
+        scale = batch.observations[EXPLORE].squeeze(-1)
+        weight = (scale > 0.0).float()
         weight = weight / weight.sum().clamp_min(1.0)
         mean = self.actor(batch.observations)
-        std = self.actor.distribution.log_std_param.exp().expand_as(mean)
+        std = _scaled(self.actor.distribution.log_std_param.exp().expand_as(mean), scale)
         log_prob = _gaussian_log_prob(batch.actions, mean, std)
-        kl = self._adapt_learning_rate(batch, mean.detach(), std.detach(), weight)
+        kl = self._adapt_learning_rate(batch, mean.detach(), std.detach(), scale, weight)
         ratio = torch.exp(log_prob - batch.old_actions_log_prob.squeeze(-1))
         gain = batch.advantages.squeeze(-1)
         clipped = ratio.clamp(1.0 - config.clip, 1.0 + config.clip)
@@ -234,9 +235,15 @@ class Ppo(PPO):
         return loss, {**figures, "kl": kl}
 
     def _adapt_learning_rate(
-        self, batch: RolloutStorage.Batch, mean: torch.Tensor, std: torch.Tensor, weight: torch.Tensor
+        self,
+        batch: RolloutStorage.Batch,
+        mean: torch.Tensor,
+        std: torch.Tensor,
+        scale: torch.Tensor,
+        weight: torch.Tensor,
     ) -> torch.Tensor:
         old_mean, old_std = batch.old_distribution_params
+        old_std = _scaled(old_std, scale)
         terms = (std / old_std).log() + (old_std.square() + (old_mean - mean).square()) / (2 * std.square()) - 0.5
         kl = parallel.average((terms.sum(dim=-1) * weight).sum())
         config, rate = self.config, self.learning_rate
@@ -258,15 +265,9 @@ class Ppo(PPO):
         return float(1.0 - (returns - values).var() / returns.var().clamp_min(1e-12))
 
 
-def deterministic_schedule(num_worlds: int, share: float) -> torch.Tensor:
-    """(N,) probability that a world samples its action: 1 - exp(k (i/(N-1) - 1)), k such that the mean is 1 - ``share``.
-
-    The original fixes k = 10, a mean deterministic share of 0.1 (facts 4); 0 turns it off.
-    """
-    if share <= 0.0:
-        return torch.ones(num_worlds)
-    place = torch.linspace(0.0, 1.0, num_worlds)
-    return 1.0 - torch.exp((place - 1.0) / share)
+def _scaled(std: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
+    """(n, A) std times the factors (n,); where the mean itself was taken any will do, it has no weight."""
+    return std * torch.where(scale > 0.0, scale, 1.0)[:, None]
 
 
 def _gaussian_log_prob(actions: torch.Tensor, mean: torch.Tensor, std: torch.Tensor) -> torch.Tensor:

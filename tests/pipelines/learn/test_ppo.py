@@ -6,8 +6,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from lacoloco.pipelines.learn.networks import NetworkConfig
-from lacoloco.pipelines.learn.ppo import EXPLORE, deterministic_schedule
+from lacoloco.pipelines.learn.networks import NetworkConfig, set_std
+from lacoloco.pipelines.learn.ppo import EXPLORE
 
 NOBODY = torch.zeros(4, dtype=torch.bool)
 
@@ -33,24 +33,9 @@ def value(ppo, obs):
         return ppo.critic(obs).squeeze(-1)
 
 
-def test_nine_steps_of_ten_explore():
-    """Facts 9.5 (8): mean 0.900 over 4096 worlds, from always to never."""
-    probability = deterministic_schedule(4096, 0.1)
-    assert float(probability.mean()) == pytest.approx(0.9, abs=1e-3)
-    assert float(probability[0]) == pytest.approx(1.0, abs=1e-4)
-    assert float(probability[-1]) == 0.0
-    assert (probability.diff() <= 0).all()
-    # p_i = 1 - exp(10 (i / (N - 1) - 1)), the original's formula.
-    assert float(probability[2047]) == pytest.approx(1 - math.exp(10 * (2047 / 4095 - 1)), rel=1e-5)
-
-
-def test_every_step_explores_unless_asked_otherwise():
-    assert deterministic_schedule(7, 0.0).tolist() == [1.0] * 7
-
-
 def test_deterministic_steps_act_on_the_mean_and_say_so(make_ppo, observe):
     ppo, obs = make_ppo(), observe()
-    ppo.sampling_probability = torch.tensor([1.0, 0.0, 1.0, 0.0])
+    ppo.exploration.probability = torch.tensor([1.0, 0.0, 1.0, 0.0])
     action = ppo.act(obs)
     with torch.no_grad():
         off = (action - ppo.actor(obs)).abs().amax(dim=-1)
@@ -58,20 +43,35 @@ def test_deterministic_steps_act_on_the_mean_and_say_so(make_ppo, observe):
     assert obs[EXPLORE].flatten().tolist() == [1.0, 0.0, 1.0, 0.0]
 
 
-def test_worlds_explore_in_spells(make_ppo, observe):
-    """On average a new decision every 10 steps, by the same odds as ever."""
-    torch.manual_seed(0)
-    ppo, obs, seen = make_ppo(spell=10.0), observe(), []
-    ppo.sampling_probability = torch.tensor([1.0, 0.0, 0.5, 0.5])
-    for _ in range(4000):
-        ppo.act(obs)
-        seen.append(ppo.exploring)
-    seen = torch.stack(seen[100:]).float()
-    assert seen[:, 0].all()
-    assert not seen[:, 1].any()
-    assert seen[:, 2:].mean() == pytest.approx(0.5, abs=0.05)
-    changes = seen[1:, 2:] != seen[:-1, 2:]
-    assert float(changes.float().mean()) == pytest.approx(0.05, abs=0.01), "half of the decisions change nothing"
+def test_bold_steps_go_further_and_know_how_likely_that_was(make_ppo, observe):
+    ppo, obs = make_ppo(bold_share=1.0), observe()
+    ppo.exploration.boldness = 3.0
+    action = ppo.act(obs)
+    assert obs[EXPLORE].flatten().tolist() == [3.0] * 4
+    mean, std = ppo.transition.distribution_params
+    expected = torch.distributions.Normal(mean, 3.0 * std).log_prob(action).sum(dim=-1)
+    assert torch.allclose(ppo.transition.actions_log_prob.flatten(), expected, atol=1e-4)
+    far = torch.cat([(ppo.act(observe(seed=step)) - ppo.transition.distribution_params[0]) / std for step in range(300)])
+    assert float(far.std()) == pytest.approx(3.0, rel=0.1)
+
+
+def test_bold_steps_pull_as_a_wider_gaussian_would(make_ppo, observe):
+    """The gradient of the surrogate is that of plain PPO whose std is the bold one."""
+    gradients = []
+    for std, boldness in ((0.6, 1.0), (0.2, 3.0)):
+        ppo = make_ppo(horizon=1, bold_share=1.0)
+        set_std(ppo.actor, std)
+        ppo.exploration.boldness = boldness
+        torch.manual_seed(3)
+        ppo.compute_returns(fill(ppo, observe, rewards=1.0))
+        ppo.storage.advantages[0, :, 0] = torch.tensor([0.5, 1.0, -0.5, -1.0])
+        loss, figures = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
+        loss.backward()
+        gradients.append([p.grad.clone() for p in ppo.actor.parameters() if p.grad is not None])
+        assert float(figures["kl"]) == pytest.approx(0.0, abs=1e-6)
+    for plain, bold in zip(*gradients, strict=True):
+        assert torch.allclose(plain, bold, atol=1e-5)
+    assert max(float(g.abs().max()) for g in gradients[0]) > 0
 
 
 def test_deterministic_steps_have_no_say_in_the_policy(make_ppo, observe):
@@ -79,7 +79,7 @@ def test_deterministic_steps_have_no_say_in_the_policy(make_ppo, observe):
     gradients = []
     for gain in (1.0, 1000.0):
         ppo = make_ppo(horizon=1)
-        ppo.sampling_probability = torch.tensor([1.0, 0.0, 1.0, 0.0])
+        ppo.exploration.probability = torch.tensor([1.0, 0.0, 1.0, 0.0])
         last = fill(ppo, observe)
         ppo.compute_returns(last)
         ppo.storage.advantages[0, :, 0] = torch.tensor([0.5, gain, -0.5, -gain])
@@ -95,7 +95,7 @@ def test_deterministic_steps_have_no_say_in_the_policy(make_ppo, observe):
 
 def test_advantages_are_normalised_over_the_exploring_steps(make_ppo, observe):
     ppo = make_ppo(worlds=6, horizon=8)
-    ppo.sampling_probability = torch.tensor([1.0, 1.0, 1.0, 0.5, 0.0, 0.0])
+    ppo.exploration.probability = torch.tensor([1.0, 1.0, 1.0, 0.5, 0.0, 0.0])
     for step in range(8):
         ppo.act(observe(6, seed=step))
         nobody = torch.zeros(6, dtype=torch.bool)

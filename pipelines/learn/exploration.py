@@ -1,0 +1,48 @@
+"""Who explores, and how far: worlds that act on their mean for a while, and worlds that dare more than the others."""
+
+from __future__ import annotations
+
+import torch
+
+MEAN, SAMPLED, BOLD = 0.0, 1.0, 2.0
+
+
+class Exploration:
+    """What each world does now: act on its mean, sample, or sample boldly; it is decided anew after a random spell.
+
+    Args:
+        num_worlds: N.
+        deterministic_share: mean share of steps on the mean; each world has a fixed probability of its own.
+        spell: mean number of steps until a world decides anew.
+        bold_share: share of the sampling spells that are bold.
+    """
+
+    def __init__(
+        self, num_worlds: int, deterministic_share: float, spell: float, bold_share: float, device: torch.device | str
+    ) -> None:
+        """Begin with everybody sampling."""
+        self.probability = deterministic_schedule(num_worlds, deterministic_share).to(device)
+        self.spell, self.bold_share = spell, bold_share
+        self.kind = torch.full((num_worlds,), SAMPLED, device=device)
+        """(N,) ``MEAN``, ``SAMPLED`` or ``BOLD``."""
+        self.boldness = 1.0
+        """Factor on the exploration std in bold spells."""
+
+    def advance(self) -> torch.Tensor:
+        """(N,) factors on the exploration std for the next step, 0 where it is to be the mean."""
+        sample, bold, anew = torch.rand(3, len(self.kind), device=self.kind.device)
+        drawn = torch.where(bold < self.bold_share, BOLD, SAMPLED)
+        drawn = torch.where(sample < self.probability, drawn, MEAN)
+        self.kind = torch.where(anew * self.spell < 1.0, drawn, self.kind)
+        return torch.where(self.kind == BOLD, self.boldness, self.kind)
+
+
+def deterministic_schedule(num_worlds: int, share: float) -> torch.Tensor:
+    """(N,) probability that a world samples its action: 1 - exp(k (i/(N-1) - 1)), k such that the mean is 1 - ``share``.
+
+    The original fixes k = 10, a mean deterministic share of 0.1 (facts 4); 0 turns it off.
+    """
+    if share <= 0.0:
+        return torch.ones(num_worlds)
+    place = torch.linspace(0.0, 1.0, num_worlds)
+    return 1.0 - torch.exp((place - 1.0) / share)
