@@ -18,6 +18,7 @@ from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import widened
+from lacoloco.pipelines.sim.retries import Retries
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.worlds import perhaps_any
@@ -44,6 +45,8 @@ class TrainHighConfig:
         clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
             evaluation, a policy that answers standing with a latent that stands is caught for good.
         randomisation: factor on the spread of masses, centres of mass and pushes; evaluation is at 1.
+        second_chances: share of falls after which the world is put back to shortly before, again and again; the falls that
+            are logged are therefore more than those of whole episodes.
     """
 
     worlds: int = 512
@@ -56,6 +59,7 @@ class TrainHighConfig:
     near: float = 0.5
     clean: float = 0.5
     randomisation: float = 1.25
+    second_chances: float = 0.9
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
             horizon=8,
@@ -102,6 +106,7 @@ class HighTrainer:
         self.head = Head("high", sizes, self.latent_dim, config.networks, layout(self.env.terms), "reach")
         self.samples_per_iteration = config.worlds * config.ppo.horizon * HOLD_STEPS
         self.draw = torch.Generator(device).manual_seed(seed + 1)
+        self.retries = Retries(env, self.latent_dim, config.second_chances, seed=seed + 2, hold=HOLD_STEPS)
         self.algorithm.warm_up(self._random_observations())
 
     def warm_start(self) -> float:
@@ -131,11 +136,14 @@ class HighTrainer:
         obs = self._observe()
         tally = Tally()
         for _ in range(config.ppo.horizon):
+            self.retries.keep(env.latent)
             decision = env.step(project(algorithm.act(obs)))
             next_obs = self._observe()
             reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
+            again = self.retries.choose(decision.fell)
             env.reset(decision.done)
+            env.latent = self.retries.put_back(again, env.latent)
             obs = self._observe() if perhaps_any(decision.done) else next_obs
             errors = torch.where(decision.done, decision.error, 0.0).sum()
             speed = env.env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
@@ -161,13 +169,19 @@ class HighTrainer:
 
     def state_dict(self) -> dict[str, Any]:
         """See :class:`lacoloco.pipelines.training.Trainer`."""
-        return {"algorithm": self.algorithm.save(), "env": self.env.env.state_dict(), "latent": self.env.latent}
+        return {
+            "algorithm": self.algorithm.save(),
+            "env": self.env.env.state_dict(),
+            "latent": self.env.latent,
+            "retries": self.retries.state_dict(),
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """See :class:`lacoloco.pipelines.training.Trainer`."""
         self.algorithm.load(state["algorithm"], None, True)
         self.env.env.load_state_dict(state["env"])
         self.env.latent = state["latent"].to(self.env.device)
+        self.retries.load_state_dict(state["retries"])
 
     def _observe(self) -> TensorDict:
         return TensorDict({POLICY: self.env.observe()}, batch_size=[self.env.num_worlds])

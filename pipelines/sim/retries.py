@@ -20,41 +20,75 @@ STATE_BYTES = 1 << 20
 class Retries:
     """Snapshots of all worlds, with the latents in force, and the way back to them."""
 
-    def __init__(self, env: LeggedEnv, latent_dim: int, chance: float, *, seed: int) -> None:
-        """Begin without any; a world that fell is put back with probability ``chance``."""
-        self.env, self.chance = env, chance
+    def __init__(self, env: LeggedEnv, latent_dim: int, chance: float, *, seed: int, hold: int = 1) -> None:
+        """Begin without any; a world that fell is put back with probability ``chance``, and again when it falls again.
+
+        Args:
+            env: the worlds.
+            latent_dim: d.
+            chance: of a fall being undone.
+            seed: of whom luck favours.
+            hold: control steps from one call of :meth:`keep` to the next, a divisor of ``PERIOD``.
+        """
+        self.env, self.chance, self.period = env, chance, PERIOD // hold
         self.draw = torch.Generator(env.device).manual_seed(seed)
         self._count = 0
-        widths = {"qpos": 7 + env.num_actions, "qvel": 6 + env.num_actions, "action": env.num_actions, "latent": latent_dim}
-        self._kept = {
-            name: torch.zeros(DEPTH, env.num_worlds, width, device=env.device) for name, width in widths.items()
+        widths = {
+            "qpos": 7 + env.num_actions,
+            "qvel": 6 + env.num_actions,
+            "action": env.num_actions,
+            "command": 3,
+            "latent": latent_dim,
         }
+        # One row more than there are snapshots: where each world was put back to last.
+        self._kept = {
+            name: torch.zeros(DEPTH + 1, env.num_worlds, width, device=env.device) for name, width in widths.items()
+        }
+        self._returned = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
+        self._slot = torch.zeros(env.num_worlds, dtype=torch.long, device=env.device)
+        self._numbers = torch.arange(env.num_worlds, device=env.device)
 
     def keep(self, latent: torch.Tensor) -> None:
-        """Call before every control step, with the latents (N, d) that it will be taken under."""
-        if self._count % PERIOD == 0:
-            slot, physics = self._count // PERIOD % DEPTH, self.env.physics
-            now = {"qpos": physics.qpos, "qvel": physics.qvel, "action": self.env.action, "latent": latent}
+        """Call before every step, with the latents (N, d) that it will be taken under."""
+        if self._count % self.period == 0:
+            slot, env = self._count // self.period % DEPTH, self.env
+            now = {
+                "qpos": env.physics.qpos,
+                "qvel": env.physics.qvel,
+                "action": env.action,
+                "command": env.command,
+                "latent": latent,
+            }
             for name, value in now.items():
                 self._kept[name][slot] = value
         self._count += 1
 
     def choose(self, fell: torch.Tensor) -> torch.Tensor:
-        """(N,) bool, those of the fallen worlds (N,) bool that are to try again: old enough, and lucky. Call before a reset."""
+        """(N,) bool, those of the fallen worlds (N,) bool that are to try again. Call before a reset.
+
+        Lucky ones, and old enough, or put back before and fallen again: those go back to where they went back to.
+        """
         lucky = torch.rand(len(fell), generator=self.draw, device=fell.device) < self.chance
-        if self._count < PERIOD * DEPTH:
+        if self._count < self.period * DEPTH:
             return torch.zeros_like(fell)
-        return fell & lucky & (self.env.steps > PERIOD * DEPTH)
+        old = self.env.steps > PERIOD * DEPTH
+        # The slot that would be written next holds the oldest snapshot.
+        oldest = -(-self._count // self.period) % DEPTH
+        self._slot = torch.where(old, oldest, DEPTH)
+        return fell & lucky & (old | self._returned)
 
     def put_back(self, mask: torch.Tensor, latent: torch.Tensor) -> torch.Tensor:
         """Undo the reset of the worlds in ``mask`` (N,) bool; returns the latents (N, d) with theirs as they were."""
+        self._returned = self._returned & (self.env.steps > 0) | mask
         worlds = select(mask)
         if not len(worlds):
             return latent
-        # The slot that would be written next holds the oldest snapshot.
-        slot = -(-self._count // PERIOD) % DEPTH
-        kept = {name: pick(values[slot], worlds) for name, values in self._kept.items()}
+        where = pick(self._slot, worlds), pick(self._numbers, worlds)
+        kept = {name: values[where] for name, values in self._kept.items()}
+        for name, values in self._kept.items():
+            put(values[DEPTH], worlds, kept[name])
         self.env.start_from(worlds, kept["qpos"], kept["qvel"], kept["action"])
+        put(self.env.command, worlds, kept["command"])
         latent = latent.clone()
         put(latent, worlds, kept["latent"])
         return latent
@@ -62,7 +96,7 @@ class Retries:
     def state_dict(self) -> dict[str, object]:
         """Snapshots, their count, generator."""
         small = sum(values.nbytes for values in self._kept.values()) <= STATE_BYTES
-        kept = self._kept if small else {}
+        kept = {**self._kept, "returned": self._returned} if small else {}
         return {"count": self._count if small else 0, "draw": self.draw.get_state(), **kept}
 
     def load_state_dict(self, state: dict[str, object]) -> None:
@@ -71,3 +105,5 @@ class Retries:
         self.draw.set_state(state["draw"])
         for name in self._kept.keys() & state.keys():
             self._kept[name] = state[name].to(self.env.device)
+        if "returned" in state:
+            self._returned = state["returned"].to(self.env.device)

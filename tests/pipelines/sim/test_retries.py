@@ -64,6 +64,58 @@ def test_a_fall_soon_after_a_reset_gets_no_second_chance(env):
     assert not Retries(env, 7, 0.0, seed=0).choose(fell).any()
 
 
+def test_whoever_falls_again_goes_back_to_the_same_place(env):
+    """Not to where the first fall was already decided, and only until the retry has lived as long as a snapshot is old."""
+    retries, fell = Retries(env, 7, 1.0, seed=0), torch.tensor([True, False, False])
+    live(env, retries, BACK + 3)
+
+    def fall():
+        again = retries.choose(fell)
+        env.reset(fell)
+        retries.put_back(again, torch.zeros(WORLDS, 7))
+        return again, env.physics.qpos[0].clone()
+
+    (first, place), _ = fall(), live(env, retries, 23)
+    (second, same), _ = fall(), live(env, retries, BACK + 1)
+    (third, later) = fall()
+    assert first[0] and second[0] and third[0]
+    assert torch.equal(place, same)
+    assert not torch.equal(place, later)
+
+
+def test_a_new_episode_ends_the_retries(env):
+    retries, everybody = Retries(env, 7, 1.0, seed=0), torch.ones(WORLDS, dtype=torch.bool)
+    live(env, retries, BACK + 1)
+    again = retries.choose(everybody)
+    env.reset(everybody)
+    retries.put_back(again, torch.zeros(WORLDS, 7))
+    live(env, retries, 5)
+    assert retries.choose(everybody).all()
+    env.reset(everybody)  # a time-out
+    retries.put_back(torch.zeros_like(everybody), torch.zeros(WORLDS, 7))
+    live(env, retries, 5)
+    assert not retries.choose(everybody).any()
+
+
+def test_a_target_comes_back_with_its_world(solo12):
+    from lacoloco.pipelines.sim.tasks import reach_task
+
+    env = LeggedEnv(solo12, reach_task(solo12), WORLDS, seed=0)
+    retries, fell = Retries(env, 7, 1.0, seed=0, hold=5), torch.tensor([False, True, False])
+    target, states = env.command.clone(), []
+    for _ in range(12):
+        states.append(env.physics.qpos[1].clone())
+        retries.keep(torch.zeros(WORLDS, 7))
+        for _ in range(5):
+            env.step(torch.zeros(WORLDS, 12))
+    again = retries.choose(fell)
+    env.reset(fell)
+    assert not torch.equal(env.command[1], target[1])
+    retries.put_back(again, torch.zeros(WORLDS, 7))
+    assert torch.equal(env.command, target)
+    assert torch.equal(env.physics.qpos[1], states[2]), "1 s back: ten decisions"
+
+
 def test_snapshots_go_on_where_they_stopped(env):
     first, second = Retries(env, 7, 0.5, seed=0), Retries(env, 7, 0.5, seed=9)
     live(env, first, BACK + 3)
