@@ -138,3 +138,27 @@ def test_the_use_of_latents_is_that_of_the_mean_decisions(make_trainer):
     assert figures["latent_resultant"] == pytest.approx(1.0, abs=1e-5), "whatever the noise"
     assert figures["latent_directions"] == pytest.approx(1.0, abs=1e-3)
     assert figures["speed"] > 0.0
+
+
+def test_a_fall_is_undone_with_its_target_and_latent(make_trainer, monkeypatch):
+    """And counted all the same: the policy is charged for it."""
+    trainer = make_trainer(horizon=14, second_chances=1.0)
+    env, reality, seen = trainer.env, trainer.env.step, []
+
+    def unlucky(z):
+        decision = reality(z)
+        seen.append((env.env.command.clone(), env.latent.clone()))
+        return replace(decision, fell=torch.full_like(decision.fell, len(seen) == 14), timed_out=torch.zeros_like(decision.fell))
+
+    monkeypatch.setattr(env, "step", unlucky)
+    figures = trainer.iterate(0.5)
+    assert figures["falls_per_episode"] == 1.0
+    assert torch.equal(env.env.command, seen[0][0]), "nobody got a new target"
+    assert any(torch.equal(env.latent[3], latent[3]) for _, latent in seen[:6]), "a second before"
+    assert not env.env.steps.any()
+
+
+def test_bold_spells_keep_the_std_of_the_start(make_trainer):
+    trainer = make_trainer(std=(0.4, 0.1))
+    trainer.iterate(1.0)
+    assert trainer.algorithm.exploration.boldness == pytest.approx(4.0)
