@@ -67,7 +67,7 @@ def train_missing(session: Session, method: str, seed: int) -> Path:
         The high level's artifact.
     """
     from lacoloco.pipelines import train_high, train_low
-    from lacoloco.pipelines.low_level import TrainLowConfig
+    from lacoloco.pipelines.low_level_config import TrainLowConfig
 
     context = replace(session.context(), seed=seed, resume=False)
     high = [policy for policy in trained(session, "train-high") if policy.method == method][-1]

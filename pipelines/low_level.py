@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -10,18 +10,14 @@ from tensordict import TensorDict
 
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn import parallel
-from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase, AseConfig
+from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.cloning import Teacher, clone
-from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule
-from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
-from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.learn.skill_embedding import (
-    LabelledTransitions,
-    SkillEmbedding,
-    WindowConfig,
-)
+from lacoloco.pipelines.learn.latents import LatentSchedule
+from lacoloco.pipelines.learn.networks import geometric, set_std
+from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
 from lacoloco.pipelines.learn.tally import Tally
+from lacoloco.pipelines.low_level_config import TrainLowConfig
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.selection import Selection
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -36,66 +32,6 @@ from lacoloco.robots.spec import RobotSpec
 
 REHEARSAL_S = 10.0
 """Length of the episodes of the reach task [s]."""
-
-
-@dataclass(frozen=True)
-class TrainLowConfig:
-    """Low-level training.
-
-    Attributes:
-        cat: constrain the foot forces (Constraints as Terminations).
-        cat_ramp: shares of the training between which the constraint rises to full strength.
-        clip_share: share of resets that start inside a clip.
-        episode_s: seconds until a time-out. Far shorter than the original's 10 s: a policy that cannot walk yet leaves a
-            clip's motion within tenths of a second, and only just after a reset can it learn to stay in it longer.
-        rehearsal: share of the worlds that live as they will under a high level: ``REHEARSAL_S`` from a standing start, with
-            latents that wander, slowly in some worlds and fast in others.
-        rehearsal_from: share of the training after which they do. A beginner that falls at every change learns to stand.
-        randomisation: factor on the spread of masses and centres of mass; evaluation is at 1.
-        second_chances: share of falls after which the world is put back to shortly before, again and again.
-        push: how hard the robot is pushed, where it is at all [m/s, rad/s]; evaluation pushes with 0.25.
-        push_every_s: seconds between two pushes.
-        std: exploration std at the start and at the end, in raw action units (x action scale = rad).
-        std_between: shares of the training between which it falls from the first to the second.
-        warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before everything else; 0 begins
-            with a random network and meaningless latents, as the paper does.
-        head_start: share of the training in which critic, discriminator and encoder learn alone. What was cloned is precise to
-            a fraction of the exploration std, and the first advantages of an untrained critic would undo it.
-        windows: what a latent describes while the clips are cloned.
-        skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
-        coverage_every: samples between two measurements of the deterministic skill coverage (0: only at the end).
-        coverage_latents: latents held in each of them.
-        choose_from: share of the training after which every policy measured may be the one that is kept (``selection.py``);
-            the constraint should be in force by then.
-    """
-
-    worlds: int = 512
-    samples: int = 3_000_000
-    cat: bool = True
-    cat_ramp: tuple[float, float] = (0.6, 0.8)
-    clip_share: float = 0.7
-    episode_s: float = 2.0
-    rehearsal: float = 0.5
-    rehearsal_from: float = 0.3
-    randomisation: float = 1.25
-    second_chances: float = 0.9
-    push: float = 0.3
-    push_every_s: tuple[float, float] = (1.0, 3.0)
-    std: tuple[float, float] = (0.05, 0.05)
-    std_between: tuple[float, float] = (0.4, 0.9)
-    warm_start: int = 1000
-    head_start: float = 0.03
-    windows: WindowConfig = field(default_factory=WindowConfig)
-    skill_shares: tuple[tuple[str, float], ...] = ()
-    coverage_every: int = 250_000
-    coverage_latents: int = 256
-    choose_from: float = 0.8
-    latents: LatentConfig = field(default_factory=LatentConfig)
-    ppo: PpoConfig = field(
-        default_factory=lambda: PpoConfig(horizon=16, epochs=4, minibatches=2, gamma=0.98, desired_kl=0.02, learning_rate=5e-5)
-    )
-    networks: NetworkConfig = field(default_factory=NetworkConfig)
-    ase: AseConfig = field(default_factory=AseConfig)
 
 
 class LowTrainer:
@@ -175,6 +111,8 @@ class LowTrainer:
         algorithm.actor_learns = not config.warm_start or progress >= config.head_start
         std = geometric(config.std, ramp(progress, *config.std_between))
         set_std(algorithm.actor, std)
+        calm, begin, end = config.settle
+        algorithm.desired_kl = config.ppo.desired_kl * geometric((1.0, calm), ramp(progress, begin, end))
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
         tally = Tally()
         frame, obs = env.frame(), self._observe()

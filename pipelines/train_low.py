@@ -15,7 +15,8 @@ from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import AseConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.low_level import LowTrainer, TrainLowConfig
+from lacoloco.pipelines.low_level import LowTrainer
+from lacoloco.pipelines.low_level_config import TrainLowConfig
 from lacoloco.pipelines.policies import save_policies
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training import begin, describe, has_checkpoint, remove_checkpoints, train

@@ -42,7 +42,8 @@ class AseConfig:
         updates: discriminator and encoder steps per iteration.
         batch: policy transitions per step, half current and half replayed; as many demonstrations again.
         replay_capacity: transitions remembered; as many as a checkpoint can hold, so that a resumed training is the same.
-        replay_share: share of every rollout that is remembered.
+        replay_share: share of every rollout that is remembered: little of many, so that the memory spans a million samples and
+            a skill that was dropped is not taken for a new one.
         max_accuracy: the discriminator learns only while it is right less often than this. Left alone it is right 95 % of the
             time within a million samples and then tells the policy nothing (the reward falls to 0.03 of its ln 2).
     """
@@ -63,7 +64,7 @@ class AseConfig:
     learning_rate: float = 3e-4
     encoder_learning_rate: float = 3e-4
     replay_capacity: int = 20_000
-    replay_share: float = 0.125
+    replay_share: float = 0.02
 
 
 class Ase(Ppo):

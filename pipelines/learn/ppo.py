@@ -29,7 +29,8 @@ class PpoConfig:
 
     Attributes:
         horizon: control steps per world and iteration.
-        desired_kl: the actor's learning rate is moved by 1.5 to keep the KL of each minibatch near this.
+        desired_kl: the actor's learning rate is moved by 1.5 to keep the KL of each minibatch near this; a trainer may lower
+            it on the way (``Ppo.desired_kl``).
         critic_learning_rate: fixed; the critic has its own rate because its loss says nothing about the KL.
         bound: soft limit on |mean action|, with weight ``bound_weight`` (facts 4).
         deterministic_share: mean share of steps with the mean action; world i acts on its mean with a fixed probability
@@ -93,6 +94,7 @@ class Ppo(PPO):
         self.optimizer = torch.optim.Adam(groups, fused=True)
         self._set_learning_rate(config.learning_rate)
         self.exploration = Exploration(num_worlds, config.deterministic_share, config.spell, config.bold_share, device)
+        self.desired_kl = config.desired_kl
         self.actor_learns = True
         """False leaves the actor as it is, for as long as the critic's advantages would only harm it."""
         shape = (config.horizon, num_worlds)
@@ -249,8 +251,8 @@ class Ppo(PPO):
         config, rate = self.config, self.learning_rate
         slower = (rate / 1.5).clamp_min(config.min_learning_rate)
         faster = (rate * 1.5).clamp_max(config.max_learning_rate)
-        rate = torch.where(kl < 0.5 * config.desired_kl, faster, rate)
-        self._set_learning_rate(torch.where(kl > 2.0 * config.desired_kl, slower, rate))
+        rate = torch.where(kl < 0.5 * self.desired_kl, faster, rate)
+        self._set_learning_rate(torch.where(kl > 2.0 * self.desired_kl, slower, rate))
         return kl
 
     def _set_learning_rate(self, rate: float | torch.Tensor) -> None:

@@ -198,3 +198,12 @@ def test_closing_figures_compare_with_the_clips(make_trainer):
 def test_motions_are_needed():
     with pytest.raises(StageError, match="--motions"):
         load_motions([])
+
+
+def test_the_strides_of_the_policy_shorten_towards_the_end(make_trainer):
+    trainer = make_trainer(settle=(0.1, 0.5, 1.0))
+    seen = []
+    for progress in (0.5, 0.75, 1.0):
+        trainer.iterate(progress)
+        seen.append(trainer.algorithm.desired_kl / trainer.config.ppo.desired_kl)
+    assert seen == pytest.approx([1.0, 0.1**0.5, 0.1])
