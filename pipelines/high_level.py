@@ -45,8 +45,7 @@ class TrainHighConfig:
         clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
             evaluation, a policy that answers standing with a latent that stands is caught for good.
         randomisation: factor on the spread of masses, centres of mass and pushes; evaluation is at 1.
-        second_chances: share of falls after which the world is put back to shortly before, again and again; the falls that
-            are logged are therefore more than those of whole episodes.
+        second_chances: share of falls after which the world is put back to shortly before, again and again.
     """
 
     worlds: int = 512
@@ -141,16 +140,18 @@ class HighTrainer:
             next_obs = self._observe()
             reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
+            # Only whole episodes are counted: a fall, but not what comes of its retries.
+            ended = decision.done & ~self.retries.returned
             again = self.retries.choose(decision.fell)
             env.reset(decision.done)
             env.latent = self.retries.put_back(again, env.latent)
             obs = self._observe() if perhaps_any(decision.done) else next_obs
-            errors = torch.where(decision.done, decision.error, 0.0).sum()
+            errors = torch.where(ended, decision.error, 0.0).sum()
             speed = env.env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             tally.add(
                 reward=decision.reward.mean(),
-                falls=decision.fell.sum(),
-                ended=decision.done.sum(),
+                falls=(decision.fell & ended).sum(),
+                ended=ended.sum(),
                 errors=errors,
                 speed=speed,
             )

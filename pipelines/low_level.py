@@ -124,7 +124,7 @@ class LowTrainer:
             algorithm.record_transition(frame, step.frame, step.valid)
             algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
             speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
-            tally.add(falls=step.fell.sum(), speed=speed, delta=None if delta is None else delta.mean())
+            tally.add(falls=(step.fell & ~self.retries.returned).sum(), speed=speed, delta=None if delta is None else delta.mean())
             tally.add(**{f"violation_{name}": share for name, share in self.terminations.violated.items()})
             again = self.retries.choose(step.fell)
             env.reset(step.done)

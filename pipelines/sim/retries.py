@@ -44,7 +44,8 @@ class Retries:
         self._kept = {
             name: torch.zeros(DEPTH + 1, env.num_worlds, width, device=env.device) for name, width in widths.items()
         }
-        self._returned = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
+        self.returned = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
+        """(N,) bool, worlds that live a second time: what becomes of them says nothing about whole episodes."""
         self._slot = torch.zeros(env.num_worlds, dtype=torch.long, device=env.device)
         self._numbers = torch.arange(env.num_worlds, device=env.device)
 
@@ -75,11 +76,11 @@ class Retries:
         # The slot that would be written next holds the oldest snapshot.
         oldest = -(-self._count // self.period) % DEPTH
         self._slot = torch.where(old, oldest, DEPTH)
-        return fell & lucky & (old | self._returned)
+        return fell & lucky & (old | self.returned)
 
     def put_back(self, mask: torch.Tensor, latent: torch.Tensor) -> torch.Tensor:
         """Undo the reset of the worlds in ``mask`` (N,) bool; returns the latents (N, d) with theirs as they were."""
-        self._returned = self._returned & (self.env.steps > 0) | mask
+        self.returned = self.returned & (self.env.steps > 0) | mask
         worlds = select(mask)
         if not len(worlds):
             return latent
@@ -96,7 +97,7 @@ class Retries:
     def state_dict(self) -> dict[str, object]:
         """Snapshots, their count, generator."""
         small = sum(values.nbytes for values in self._kept.values()) <= STATE_BYTES
-        kept = {**self._kept, "returned": self._returned} if small else {}
+        kept = {**self._kept, "returned": self.returned} if small else {}
         return {"count": self._count if small else 0, "draw": self.draw.get_state(), **kept}
 
     def load_state_dict(self, state: dict[str, object]) -> None:
@@ -106,4 +107,4 @@ class Retries:
         for name in self._kept.keys() & state.keys():
             self._kept[name] = state[name].to(self.env.device)
         if "returned" in state:
-            self._returned = state["returned"].to(self.env.device)
+            self.returned = state["returned"].to(self.env.device)

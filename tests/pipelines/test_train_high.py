@@ -141,21 +141,22 @@ def test_the_use_of_latents_is_that_of_the_mean_decisions(make_trainer):
 
 
 def test_a_fall_is_undone_with_its_target_and_latent(make_trainer, monkeypatch):
-    """And counted all the same: the policy is charged for it."""
+    """And counted all the same, but not what comes of the retry."""
     trainer = make_trainer(horizon=14, second_chances=1.0)
     env, reality, seen = trainer.env, trainer.env.step, []
 
     def unlucky(z):
         decision = reality(z)
         seen.append((env.env.command.clone(), env.latent.clone()))
-        return replace(decision, fell=torch.full_like(decision.fell, len(seen) == 14), timed_out=torch.zeros_like(decision.fell))
+        return replace(decision, fell=torch.full_like(decision.fell, len(seen) in (14, 15)), timed_out=torch.zeros_like(decision.fell))
 
     monkeypatch.setattr(env, "step", unlucky)
     figures = trainer.iterate(0.5)
-    assert figures["falls_per_episode"] == 1.0
+    assert (figures["falls_per_episode"], figures["episodes"]) == (1.0, 16.0)
     assert torch.equal(env.env.command, seen[0][0]), "nobody got a new target"
     assert any(torch.equal(env.latent[3], latent[3]) for _, latent in seen[:6]), "a second before"
     assert not env.env.steps.any()
+    assert trainer.iterate(0.5)["episodes"] == 0.0, "it fell again at once"
 
 
 def test_bold_spells_keep_the_std_of_the_start(make_trainer):
