@@ -49,7 +49,7 @@ class TrainHighConfig:
     """
 
     worlds: int = 512
-    decisions: int = 3_000_000
+    decisions: int = 4_000_000
     std: tuple[float, float] = (0.5, 0.12)
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
     head_start: float = 0.02

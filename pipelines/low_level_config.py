@@ -45,7 +45,7 @@ class TrainLowConfig:
     """
 
     worlds: int = 512
-    samples: int = 3_000_000
+    samples: int = 6_000_000
     cat: bool = True
     cat_ramp: tuple[float, float] = (0.6, 0.8)
     clip_share: float = 0.7

@@ -26,7 +26,7 @@ SHOWN = ("reward", "final_error", "falls_per_episode", "std")
 
 
 def laptop() -> TrainHighConfig:
-    """A few minutes on two cores."""
+    """A quarter of an hour on two cores."""
     return TrainHighConfig()
 
 
@@ -42,7 +42,7 @@ def smoke() -> TrainHighConfig:
 
 
 def gpu() -> TrainHighConfig:
-    """The laptop's recipe on a GPU's width: as many more decisions as the low level has more samples."""
+    """The laptop's recipe on a GPU's width, with ten times the decisions."""
     base = laptop()
     return replace(base, worlds=4096, decisions=40_000_000, ppo=replace(base.ppo, minibatches=8))
 

@@ -35,7 +35,7 @@ SHOWN = (
 
 
 def laptop() -> TrainLowConfig:
-    """A few minutes on two cores."""
+    """A quarter of an hour on two cores."""
     return TrainLowConfig()
 
 
@@ -54,7 +54,7 @@ def smoke() -> TrainLowConfig:
 
 
 def gpu() -> TrainLowConfig:
-    """The laptop's recipe on a GPU's width: eight times the worlds, thirteen times the samples, batches to match."""
+    """The laptop's recipe on a GPU's width: eight times the worlds, seven times the samples, batches to match."""
     base = laptop()
     return replace(
         base,
