@@ -191,7 +191,8 @@ class Ase(Ppo):
         raw = self.transitions.flatten(0, 1)[valid]
         agent = self.normalizer(raw)
         z = self.storage.observations[LATENT].flatten(0, 1)[valid]
-        kept = torch.randperm(len(agent), generator=self.draw, device=self.device)[: int(ase.replay_share * len(agent))]
+        few = max(1, int(ase.replay_share * len(agent)))
+        kept = torch.randperm(len(agent), generator=self.draw, device=self.device)[:few]
         self.replay.add(raw[kept])
         order = torch.randperm(len(agent), generator=self.draw, device=self.device)
         for index in range(ase.updates):

@@ -311,3 +311,11 @@ def test_the_anchor_holds_while_the_policy_says_otherwise(make_ase):
         transitions, z = labelled(500, torch.Generator().manual_seed(5))
         kept[anchor] = float((ase.encoder(ase.normalizer(transitions)) * z).sum(dim=-1).mean().detach())
     assert kept[1.0] > kept[0.0] + 0.05
+
+
+def test_a_rollout_too_small_for_its_share_is_remembered_all_the_same(make_ase):
+    """An empty memory has nothing to replay."""
+    ase = make_ase(updates=1, batch=16, replay_share=1e-6)
+    ase.compute_returns(fill(ase, frames=lambda step: torch.zeros(WORLDS, 2)))
+    ase.update()
+    assert ase.replay.size == 1
