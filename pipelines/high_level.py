@@ -141,17 +141,17 @@ class HighTrainer:
             reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
             # Only whole episodes are counted: a fall, but not what comes of its retries.
-            ended = decision.done & ~self.retries.returned
+            whole = decision.done & ~self.retries.returned
             again = self.retries.choose(decision.fell)
             env.reset(decision.done)
             env.latent = self.retries.put_back(again, env.latent)
             obs = self._observe() if perhaps_any(decision.done) else next_obs
-            errors = torch.where(ended, decision.error, 0.0).sum()
+            errors = torch.where(whole, decision.error, 0.0).sum()
             speed = env.env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             tally.add(
                 reward=decision.reward.mean(),
-                falls=(decision.fell & ended).sum(),
-                ended=ended.sum(),
+                falls=(decision.fell & whole).sum(),
+                ended=whole.sum(),
                 errors=errors,
                 speed=speed,
             )
