@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -55,8 +57,6 @@ def test_the_best_is_kept_and_survives_a_checkpoint(trainer, solo12, motions):
 
 
 def test_only_what_comes_after_the_ramp_is_examined(solo12, motions):
-    from dataclasses import replace
-
     config = replace(smoke(), samples=128 * 5, coverage_every=128, choose_from=0.6)
     trainer = LowTrainer(solo12, motions, config, seed=0, device="cpu")
     assert ["score" in trainer.iterate(step / 5) for step in range(5)] == [False] * 3 + [True] * 2

@@ -7,7 +7,7 @@ import torch
 
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.retries import DEPTH, PERIOD, Retries
-from lacoloco.pipelines.sim.tasks import imitate_task
+from lacoloco.pipelines.sim.tasks import imitate_task, reach_task
 
 WORLDS = 3
 BACK = PERIOD * DEPTH
@@ -98,8 +98,6 @@ def test_a_new_episode_ends_the_retries(env):
 
 
 def test_a_target_comes_back_with_its_world(solo12):
-    from lacoloco.pipelines.sim.tasks import reach_task
-
     env = LeggedEnv(solo12, reach_task(solo12), WORLDS, seed=0)
     retries, fell = Retries(env, 7, 1.0, seed=0, hold=5), torch.tensor([False, True, False])
     target, states = env.command.clone(), []
