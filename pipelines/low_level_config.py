@@ -47,7 +47,7 @@ class TrainLowConfig:
     worlds: int = 512
     samples: int = 6_000_000
     cat: bool = True
-    cat_ramp: tuple[float, float] = (0.6, 0.8)
+    cat_ramp: tuple[float, float] = (0.3, 0.5)
     clip_share: float = 0.7
     episode_s: float = 2.0
     rehearsal: float = 0.5

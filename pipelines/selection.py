@@ -17,7 +17,7 @@ from rsl_rl.models import MLPModel
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.coverage import SkillCoverage
 from lacoloco.pipelines.policies import Head, Policy
-from lacoloco.pipelines.steadiness import steered_falls
+from lacoloco.pipelines.steadiness import steadiness
 from lacoloco.robots.spec import RobotSpec
 
 FALLS_WEIGHT = 4.0
@@ -44,11 +44,9 @@ class Selection:
         return self.coverage.measure(Policy(self.head, actor))
 
     def examine(self, actor: MLPModel, samples: int) -> dict[str, float]:
-        """Skill coverage, ``steered_falls`` and their ``score``; keeps the actor if none was better."""
+        """Skill coverage, steadiness and the ``score`` of both; keeps the actor if none was better."""
         figures = self.measure(actor)
-        figures["steered_falls"] = steered_falls(
-            self.spec, Policy(self.head, actor), worlds=self.latents, seed=self.seed
-        )
+        figures |= steadiness(self.spec, Policy(self.head, actor), worlds=self.latents, seed=self.seed)
         figures["score"] = score(figures)
         if not self.chosen or figures["score"] <= self.chosen["figures"]["score"]:
             self.chosen = {"actor": deepcopy(actor.state_dict()), "figures": dict(figures), "samples": samples}

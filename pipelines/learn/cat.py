@@ -8,10 +8,12 @@ from lacoloco.pipelines.learn import parallel
 
 
 class SoftTerminations:
-    """delta = max_i p_i clip(c_i+ / c_i^max, 0, 1), with c_i^max a running maximum per constraint column.
+    """delta = max_i p_i clip(c_i+ / c_i^max, 0, 1), with c_i^max a running scale per constraint column.
 
-    ``c_max`` follows the batch maximum by an exponential mean (rate 0.05, facts 6.1), but only on steps with a violation:
-    the original lets it decay to nothing while all is well, so that the next graze counts as the worst case.
+    ``c_max`` follows the *mean violation* of the worlds that violate, by an exponential mean (rate 0.05, facts 6.1) and only
+    on steps with a violation. In the paper it is the maximum of the batch. Among hundreds of worlds that is always the one
+    that is just falling, beside which no step of a gait costs anything; and the original lets it decay to nothing while all
+    is well, so that the next graze counts as the worst case.
     """
 
     def __init__(self, max_p: dict[str, float], rate: float = 0.05) -> None:
@@ -39,15 +41,16 @@ class SoftTerminations:
         return torch.stack(deltas).amax(dim=0)
 
     def _track(self, name: str, positive: torch.Tensor) -> torch.Tensor:
-        worst = parallel.maximum(positive.amax(dim=0))
+        total, count = parallel.average(torch.stack((positive.sum(dim=0), (positive > 0.0).float().sum(dim=0))))
+        typical = total / count.clamp_min(1e-6)
         if name not in self.c_max:
-            self.c_max[name] = worst.clamp_min(1e-6)
+            self.c_max[name] = typical.clamp_min(1e-6)
         old = self.c_max[name]
-        self.c_max[name] = torch.where(worst > 0.0, torch.lerp(old, worst, self.rate), old).clamp_min(1e-6)
+        self.c_max[name] = torch.where(count > 0.0, torch.lerp(old, typical, self.rate), old).clamp_min(1e-6)
         return self.c_max[name]
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """The running maxima by constraint name."""
+        """``c_max`` by constraint name."""
         return dict(self.c_max)
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:

@@ -9,7 +9,7 @@ import torch
 
 from lacoloco.pipelines.low_level import LowTrainer
 from lacoloco.pipelines.selection import score
-from lacoloco.pipelines.steadiness import steered_falls
+from lacoloco.pipelines.steadiness import steadiness
 from lacoloco.pipelines.train_low import smoke
 
 CLIPS = {"clips_walk": 0.5, "clips_reach": 0.3, "clips_stand": 0.2}
@@ -62,15 +62,18 @@ def test_only_what_comes_after_the_ramp_is_examined(solo12, motions):
     assert ["score" in trainer.iterate(step / 5) for step in range(5)] == [False] * 3 + [True] * 2
 
 
-def test_steered_falls_count_episodes_and_repeat_themselves(trainer, solo12):
+def test_steadiness_counts_episodes_and_forces_and_repeats_itself(trainer, solo12):
     """A policy that commands the default pose stands through pushes; one that commands nonsense does not."""
     policy = trainer.policy()
     layers = [module for module in policy.actor.modules() if isinstance(module, torch.nn.Linear)]
     with torch.no_grad():
         layers[-1].weight.zero_(), layers[-1].bias.zero_()
-    assert steered_falls(solo12, policy, worlds=16, seconds=2.0) == 0.0
+    calm = steadiness(solo12, policy, worlds=16, seconds=2.0)
+    assert calm["steered_falls"] == 0.0
+    assert calm["steered_violation"] < 0.001, "four feet carry a quarter of the limit each"
     with torch.no_grad():
         layers[-1].bias.fill_(3.0)
-    share = steered_falls(solo12, policy, worlds=16, seconds=2.0)
-    assert share == steered_falls(solo12, policy, worlds=16, seconds=2.0)
-    assert share > 0.5
+    wild = steadiness(solo12, policy, worlds=16, seconds=2.0)
+    assert wild == steadiness(solo12, policy, worlds=16, seconds=2.0)
+    assert wild["steered_falls"] > 0.5
+    assert wild["steered_violation"] > calm["steered_violation"]

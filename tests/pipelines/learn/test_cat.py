@@ -12,13 +12,22 @@ def margins(*rows):
 
 def test_the_example_of_the_paper():
     """c = [-1, 5, 10], c_max 10, p 0.2 -> [0, 0.1, 0.2]."""
-    delta = SoftTerminations({"force": 0.2})(margins([-1.0], [5.0], [10.0]), 1.0)
+    terminations = SoftTerminations({"force": 0.2}, rate=0.0)
+    terminations(margins([10.0]), 1.0)
+    delta = terminations(margins([-1.0], [5.0], [10.0]), 1.0)
     assert delta.tolist() == pytest.approx([0.0, 0.1, 0.2])
 
 
-def test_every_column_has_its_own_maximum_and_the_worst_column_counts():
-    delta = SoftTerminations({"force": 0.5})(margins([5.0, 1.0], [10.0, -3.0], [0.0, 4.0]), 1.0)
+def test_every_column_has_its_own_scale_and_the_worst_column_counts():
+    """Means of the violations: 8 in the first column, 2.5 in the second."""
+    delta = SoftTerminations({"force": 0.5})(margins([4.0, 1.0], [12.0, -3.0], [0.0, 4.0]), 1.0)
     assert delta.tolist() == pytest.approx([0.25, 0.5, 0.5])
+
+
+def test_one_that_crashes_does_not_make_the_others_cheap():
+    """With the maximum of the batch, 200 N, the others' 2 N would be a hundredth of the worst."""
+    delta = SoftTerminations({"force": 0.2})(margins(*[[2.0]] * 99, [200.0]), 1.0)
+    assert delta[0] == pytest.approx(0.2 * 2.0 / 3.98)
 
 
 def test_the_worst_constraint_counts_each_with_its_own_probability():
@@ -27,15 +36,15 @@ def test_the_worst_constraint_counts_each_with_its_own_probability():
     assert terminations(violations, 1.0).tolist() == pytest.approx([0.2, 1.0])
 
 
-def test_the_maximum_follows_the_batch_with_rate_a_twentieth():
+def test_the_scale_follows_the_mean_violation_with_rate_a_twentieth():
     terminations = SoftTerminations({"force": 0.2})
     terminations(margins([10.0]), 1.0)
-    delta = terminations(margins([20.0], [5.25]), 1.0)
+    delta = terminations(margins([34.75], [5.25], [-8.0]), 1.0)
     assert terminations.c_max["force"].tolist() == pytest.approx([0.95 * 10 + 0.05 * 20])
-    assert delta.tolist() == pytest.approx([0.2, 0.2 * 5.25 / 10.5])
+    assert delta.tolist() == pytest.approx([0.2, 0.2 * 5.25 / 10.5, 0.0])
 
 
-def test_quiet_steps_do_not_lower_the_maximum():
+def test_quiet_steps_do_not_lower_the_scale():
     """The original's decays, so that after a while the slightest graze counts as the worst case."""
     terminations = SoftTerminations({"force": 0.2})
     terminations(margins([10.0]), 1.0)
@@ -75,7 +84,7 @@ def test_the_share_of_violations_is_reported():
     assert float(terminations.violated["force"]) == pytest.approx(0.25)
 
 
-def test_state_dict_restores_the_maxima():
+def test_state_dict_restores_the_scales():
     first, second = SoftTerminations({"force": 0.2}), SoftTerminations({"force": 0.2})
     first(margins([10.0]), 1.0)
     second.load_state_dict(first.state_dict())
