@@ -15,12 +15,20 @@ from lacoloco.pipelines.learn.discriminator import classification
 class GanConfig:
     """Width of the network and its regularisers.
 
-    The original's gradient penalty is 5 (facts 4). Here the logits then stay within 0.1 of zero, and the encoder's reward
-    drowns the imitation reward: see the log in the README.
+    Attributes:
+        hidden: widths of the hidden layers.
+        noise: std of the instance noise (Arjovsky & Bottou, 2017) on normalised transitions of both kinds. Without it
+            the jitter of exploration alone tells the policy from any demonstration.
+        samples: noises per transition; its logit is their mean.
+        gradient_penalty: the original's is 5 (facts 4). Here the logits then stay within 0.1 of zero, and the encoder's
+            reward drowns the imitation reward: see the log in the README.
+        logit_decay: on the weights of the last layer.
     """
 
     hidden: tuple[int, ...] = (256, 128)
-    gradient_penalty: float = 0.3
+    noise: float = 1.0
+    samples: int = 4
+    gradient_penalty: float = 0.02
     logit_decay: float = 0.01
 
 
@@ -33,17 +41,19 @@ class GanDiscriminator(nn.Module):
         self.config = config
         self.mlp = MLP(transition_dim, 1, list(config.hidden), "elu")
 
-    def logits(self, transition: torch.Tensor, draw: torch.Generator | None = None) -> torch.Tensor:
-        """(n, 2F) normalised transitions -> (n,) log-odds; deterministic, so ``draw`` is not used."""
-        return self.mlp(transition).squeeze(-1)
+    def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(n, 2F) normalised transitions -> (n,) log-odds."""
+        shape = (len(transition), self.config.samples, transition.shape[-1])
+        noise = torch.randn(shape, generator=draw, device=draw.device)
+        return self.mlp(transition[:, None] + self.config.noise * noise).mean(dim=(1, 2))
 
     def loss(
-        self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator | None = None
+        self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """Cross-entropy + gradient penalty E_demo |grad_x logit|^2 + decay of the logit layer."""
         demo = demo.detach().requires_grad_(True)
-        demo_logits = self.logits(demo)
-        bce, figures = classification(self.logits(agent), demo_logits)
+        demo_logits = self.logits(demo, draw)
+        bce, figures = classification(self.logits(agent, draw), demo_logits)
         (slope,) = torch.autograd.grad(demo_logits.sum(), demo, create_graph=True)
         penalty = slope.square().sum(dim=-1).mean()
         decay = self.mlp[-1].weight.square().sum()
