@@ -24,8 +24,10 @@ COLUMNS = {
     "episodes": "episodes",
     "ee_error_mean_m": "error m",
     "ee_error_std_m": "std m",
+    "ee_error_median_m": "median m",
     "contact_violation_pct": "violation %",
     "falls_pct": "falls %",
+    "missed_pct": "missed %",
 }
 """Key of a row -> heading."""
 

@@ -35,18 +35,20 @@ def short(monkeypatch):
 
 def test_figures_by_hand():
     played = Episodes(
-        error=np.array([0.1, 0.3]),
-        fell=np.array([True, False]),
-        above_limit=np.array([[3.0, 0.0], [0.0, 1.0]]),
-        substeps=np.array([20.0, 80.0]),
+        error=np.array([0.01, 0.35, 0.03, 0.41]),
+        fell=np.array([True, True, False, False]),
+        above_limit=np.array([[3.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]),
+        substeps=np.array([20.0, 80.0, 50.0, 50.0]),
     )
     figures = played.figures()
     assert figures == pytest.approx(
         {
             "ee_error_mean_m": 0.2,
-            "ee_error_std_m": 0.1,
-            "contact_violation_pct": 2.0,  # 4 of 100 substeps x 2 feet
+            "ee_error_std_m": 0.0329**0.5,
+            "ee_error_median_m": 0.19,
+            "contact_violation_pct": 1.0,  # 4 of 200 substeps x 2 feet
             "falls_pct": 50.0,
+            "missed_pct": 25.0,  # a fall far away is a fall
         }
     )
 
