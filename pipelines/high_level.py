@@ -161,6 +161,8 @@ class HighTrainer:
                 ended=whole.sum(),
                 errors=errors,
                 speed=speed,
+                above=decision.above_limit.mean(dim=1).sum(),
+                substeps=decision.substeps.sum(),
             )
         algorithm.compute_returns(obs)
         usage = latent_usage(project(algorithm.storage.distribution_params[0].flatten(0, 1)))
@@ -169,7 +171,8 @@ class HighTrainer:
         if ended := sums["ended"]:
             figures |= {"final_error": sums["errors"] / ended, "falls_per_episode": sums["falls"] / ended}
         means = {name: sums[name] / config.ppo.horizon for name in ("reward", "speed")}
-        return figures | means | {"std": std, "episodes": ended}
+        violation = sums["above"] / max(sums["substeps"], 1.0)
+        return figures | means | {"contact_violation": violation, "std": std, "episodes": ended}
 
     def _goes_on(self, decision: Decision, progress: float) -> torch.Tensor:
         """(N,) bool, worlds whose episode has missed and that begin the next one where they are; their clock starts anew."""

@@ -103,6 +103,7 @@ HIGH = (
     Panel("Distance at the end of an episode", "cm", (Line("final_error", "", 100.0),)),
     Panel("Task reward", "per second", (Line("reward", "", PER_SECOND),)),
     Panel("Falls", "% of episodes", (Line("falls_per_episode", "", 100.0),)),
+    Panel("Contact forces above the limit", "% of foot-substeps", (Line("contact_violation", "", 100.0),)),
     Panel("Speed of the base", "m/s", (Line("speed"),)),
     Panel("Latents in use, resultant", "|mean latent|", (Line("latent_resultant"),), limits=(0.0, 1.0)),
     Panel("Latents in use, directions", "of 7", (Line("latent_directions"),), limits=(1.0, 7.0)),

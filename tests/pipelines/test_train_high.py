@@ -159,6 +159,16 @@ def test_a_fall_is_undone_with_its_target_and_latent(make_trainer, monkeypatch):
     assert trainer.iterate(0.5)["episodes"] == 0.0, "it fell again at once"
 
 
+def test_contact_forces_are_counted_per_foot_and_substep(make_trainer, monkeypatch):
+    trainer = make_trainer(horizon=2)
+    reality = trainer.env.step
+    above = torch.zeros(16, 4)
+    above[3, 1] = 5.0
+    monkeypatch.setattr(trainer.env, "step", lambda z: replace(reality(z), above_limit=above))
+    substeps = HOLD_STEPS * trainer.env.env.physics.foot_force.shape[1]
+    assert trainer.iterate(0.0)["contact_violation"] == pytest.approx(5.0 / (16 * 4 * substeps), rel=0.05)
+
+
 def test_who_misses_goes_on_from_there(make_trainer, monkeypatch):
     """Worlds 0 to 7 end far away, the others near; all of their time-outs are bootstrapped, whole episodes are counted once."""
     trainer = make_trainer(horizon=1, go_on=1.0, go_on_from=0.5)
