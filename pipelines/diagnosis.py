@@ -50,7 +50,7 @@ def discriminator_saturated(history: History) -> str | None:
     if accuracy > SATURATED_ACCURACY or reward < SATURATED_REWARD:
         return (
             f"discriminator saturated: right {accuracy:.0%} of the time, pays {reward:.2f} (undecided: 0.69); try a lower"
-            " ase.max_accuracy or ase.learning_rate, or less exploration noise (std)"
+            " max_accuracy (ase.drail, ase.gan) or ase.learning_rate, or less exploration noise (std)"
         )
     return None
 

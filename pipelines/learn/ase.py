@@ -44,8 +44,6 @@ class AseConfig:
         replay_capacity: transitions remembered; as many as a checkpoint can hold, so that a resumed training is the same.
         replay_share: share of every rollout that is remembered: little of many, so that the memory spans a million samples and
             a skill that was dropped is not taken for a new one.
-        max_accuracy: the discriminator learns only while it is right less often than this. Left alone it is right 95 % of the
-            time within a million samples and then tells the policy nothing (the reward falls to 0.03 of its ln 2).
     """
 
     discriminator: str = "drail"
@@ -57,7 +55,6 @@ class AseConfig:
     encoder_weight: float = 0.3
     anchor: float = 1.0
     reward_ceiling: float = 5.0
-    max_accuracy: float = 0.75
     diversity: float = 0.01
     updates: int = 2
     batch: int = 1024
@@ -204,7 +201,7 @@ class Ase(Ppo):
             loss, figures = self.discriminator.loss(policy, demo, self.draw)
             # A factor, not a branch: nothing waits for the device, and every process takes the same steps.
             accuracy = parallel.average(0.5 * (figures["agent_accuracy"] + figures["demo_accuracy"]))
-            behind = accuracy < ase.max_accuracy
+            behind = accuracy < self.discriminator.config.max_accuracy
             _descend(self.discriminator_optimizer, loss * behind)
             miss = encoder_loss(self.encoder(agent[rows]), z[rows])
             anchored = ase.anchor > 0.0 and self.labelled is not None

@@ -12,8 +12,21 @@ CLIP = 5.0
 """Normalised transitions are clipped to +-5 (facts 3)."""
 
 
+class DiscriminatorConfig(Protocol):
+    """What every discriminator is told.
+
+    Attributes:
+        max_accuracy: it learns only while it is right less often than this. Left alone it is right 95 % of the time within a
+            million samples and then tells the policy nothing (the reward falls to 0.03 of its ln 2).
+    """
+
+    max_accuracy: float
+
+
 class Discriminator(Protocol):
     """Tells demonstrations from the policy; inputs are normalised transitions (n, 2F), oldest frame first."""
+
+    config: DiscriminatorConfig
 
     def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
         """(n,) log-odds that a transition is a demonstration; D = sigmoid(logits)."""

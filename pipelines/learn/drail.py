@@ -23,6 +23,7 @@ class DrailConfig:
             the jitter of exploration noise alone tells the policy from any demonstration.
         scale: factor on the difference of the two losses; both are means over 2F dimensions, so their difference alone
             is too small to leave the flat part of the sigmoid (the paper sums, |.|^2, the original averages).
+        max_accuracy: of demonstrations and policy together, beyond which it does not learn (``discriminator.py``).
     """
 
     hidden: int = 128
@@ -31,6 +32,7 @@ class DrailConfig:
     samples: int = 4
     times: tuple[float, float] = (0.3, 0.8)
     scale: float = 10.0
+    max_accuracy: float = 0.75
 
 
 class DrailDiscriminator(nn.Module):

@@ -74,12 +74,12 @@ def learn_style(mine, draw):
         networks=NETWORKS,
         ase=AseConfig(
             discriminator="gan",
-            gan=GanConfig(hidden=(16,)),
+            # An accuracy that the second half exceeds, but not both together; noise that is each process's own.
+            gan=GanConfig(hidden=(16,), noise=0.0, max_accuracy=0.65),
             encoder_hidden=(16,),
             updates=6,
             batch=2 * HORIZON * count,
             diversity=0.0,
-            max_accuracy=0.65,  # which the second half exceeds, but not both together
             learning_rate=1e-3,
         ),
         seed=parallel.own_seed(0),
