@@ -10,7 +10,8 @@ from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.diagnosis import high_level_warnings
 from lacoloco.pipelines.episodes import play_episodes
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.high_level import HighTrainer, TrainHighConfig
+from lacoloco.pipelines.high_level import HighTrainer
+from lacoloco.pipelines.high_level_config import TrainHighConfig
 from lacoloco.pipelines.hindsight import HindsightConfig
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.networks import NetworkConfig

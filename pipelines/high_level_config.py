@@ -1,0 +1,65 @@
+"""What a high level's training is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from lacoloco.pipelines.hindsight import HindsightConfig
+from lacoloco.pipelines.learn.networks import NetworkConfig
+from lacoloco.pipelines.learn.ppo import PpoConfig
+
+
+@dataclass(frozen=True)
+class TrainHighConfig:
+    """High-level training.
+
+    Attributes:
+        worlds: parallel worlds.
+        decisions: high-level samples in all; each takes five control steps.
+        std: exploration std of the unnormalised latent at the start and at the end; bold spells keep that of the start.
+        hindsight: what it begins with: random latents and where they led.
+        head_start: share of the training in which the critic learns alone.
+        reward_scale: factor on the task's reward.
+        fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little far from the target,
+            where most falls happen: in the first two seconds, while turning towards it.
+        near: share of the training's targets that lie nearer than the task's; the way there takes most of an episode, and
+            only what is left of it teaches how to touch.
+        clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
+            evaluation, a policy that answers standing with a latent that stands is caught for good.
+        randomisation: factor on the spread of masses, centres of mass and pushes; evaluation is at 1.
+        second_chances: share of falls after which the world is put back to shortly before, again and again.
+        go_on: share of the episodes that miss (``episodes.MISSED``) after which the world goes on as it is. One in a hundred
+            ends where the robot stands far from the target; as few moments of a rollout show how to leave it.
+        go_on_from: share of the training after which they do. In a beginner's training they would be all there is.
+    """
+
+    worlds: int = 512
+    decisions: int = 4_000_000
+    std: tuple[float, float] = (0.5, 0.12)
+    hindsight: HindsightConfig = field(default_factory=HindsightConfig)
+    head_start: float = 0.02
+    reward_scale: float = 10.0
+    fall_penalty: float = 2.0
+    near: float = 0.5
+    clean: float = 0.5
+    randomisation: float = 1.25
+    second_chances: float = 0.9
+    go_on: float = 0.9
+    go_on_from: float = 0.5
+    ppo: PpoConfig = field(
+        default_factory=lambda: PpoConfig(
+            horizon=8,
+            epochs=5,
+            minibatches=2,
+            gamma=0.97,
+            desired_kl=0.02,
+            bound=1.5,
+            bound_weight=0.1,
+            deterministic_share=0.4,
+            spell=10.0,
+            bold_share=0.15,
+        )
+    )
+    networks: NetworkConfig = field(
+        default_factory=lambda: NetworkConfig(actor=(256, 128), critic=(256, 128), activation="relu")
+    )
