@@ -26,11 +26,11 @@ class MomentConfig:
     """What is learnt from.
 
     Attributes:
-        max_speed: planar speed beyond which a moment is left out [m/s].
+        max_speed: planar speed beyond which a moment is left out [m/s]; 0: none is.
         still_weight: how often a moment of standing is drawn, against one of moving.
     """
 
-    max_speed: float = float("inf")
+    max_speed: float = 0.0
     still_weight: float = 1.0
 
 
@@ -55,11 +55,12 @@ def chosen(clips: Sequence[Clip], config: MomentConfig) -> list[Clip]:
 def _pieces(clip: Clip, config: MomentConfig) -> list[Clip]:
     speed = _blurred(np.linalg.norm(clip.root_lin_vel_b[:, :2], axis=1), clip.fps)
     turn = _blurred(np.abs(clip.root_ang_vel_b[:, 2]), clip.fps)
-    still, fast = (speed < STILL_SPEED) & (turn < STILL_TURN), speed > config.max_speed
+    still = (speed < STILL_SPEED) & (turn < STILL_TURN)
+    too_fast = (speed > config.max_speed) & (config.max_speed > 0.0)
     pieces, start = [], 0
-    for (stands, runs), frames in groupby(zip(still, fast, strict=True)):
+    for (stands, leaves_out), frames in groupby(zip(still, too_fast, strict=True)):
         stop = start + len(list(frames))
-        if not runs and stop - start > SHORTEST_S * clip.fps:
+        if not leaves_out and stop - start > SHORTEST_S * clip.fps:
             weight = clip.weight * (config.still_weight if stands else 1.0)
             name = f"{clip.name}@{start / clip.fps:.1f}s"
             pieces.append(replace(clip.slice(start, stop), name=name, weight=weight))

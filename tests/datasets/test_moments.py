@@ -44,3 +44,8 @@ def test_a_stumble_is_too_short_to_be_a_piece(dog):
     velocity[100:115, 0] = 0.0
     with pytest.raises(DatasetError, match="max_speed = 1: none of 1 clips"):
         chosen([replace(dog, root_lin_vel_b=velocity)], MomentConfig(max_speed=1.0))
+
+
+def test_without_a_limit_the_gallop_stays(dog):
+    *_, gallops = chosen([dog], MomentConfig(still_weight=0.25))
+    assert float(gallops.root_lin_vel_b[-1, 0]) == 2.0
