@@ -9,7 +9,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from lacoloco.datasets.moments import MomentConfig
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.stage import StageContext, StageResult
 
@@ -31,7 +30,6 @@ class Experiment:
         about: one line for a person.
         episodes: at most so many are evaluated; a quickstart does not need the paper's 4096.
         decisions: at most so many train the high level; a quickstart shows that it works, not how well in the end.
-        moments: which moments of the motions the low level learns from.
         start_from: names of published policies; the chain begins with the low level of the first that there is.
     """
 
@@ -41,7 +39,6 @@ class Experiment:
     about: str
     episodes: int = 4096
     decisions: int | None = None
-    moments: MomentConfig = MomentConfig()
     start_from: tuple[str, ...] = ()
 
 
@@ -56,13 +53,7 @@ EXPERIMENTS = {
         start_from=("solo12-synthetic-low", "solo12-synthetic"),
     ),
     "solo12-synthetic": Experiment("solo12", ("generate",), ("generate",), "walking and reaching experts"),
-    "solo12-dog": Experiment(
-        "solo12",
-        ("retarget",),
-        ("retarget",),
-        "a dog's motions, retargeted",
-        moments=MomentConfig(max_speed=1.2, still_weight=0.3),
-    ),
+    "solo12-dog": Experiment("solo12", ("retarget",), ("retarget",), "a dog's motions, retargeted"),
     "h1-synthetic": Experiment("h1", ("generate",), ("generate",), "the same on the humanoid"),
 }
 
@@ -223,8 +214,7 @@ class _Chain:
         config = _known(module.PRESETS, self.preset, "preset")()
         if verb == "train-low":
             discriminator, constrained = METHODS[self.method]
-            ase = replace(config.ase, discriminator=discriminator)
-            config = replace(config, cat=constrained, ase=ase, moments=self.experiment.moments)
+            config = replace(config, cat=constrained, ase=replace(config.ase, discriminator=discriminator))
         if verb == "eval":
             config = replace(config, episodes=min(config.episodes, self.experiment.episodes))
         if verb == "train-high" and self.experiment.decisions is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from lacoloco.datasets.moments import MomentConfig
 from lacoloco.pipelines.learn.ase import AseConfig
 from lacoloco.pipelines.learn.latents import LatentConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
@@ -38,7 +37,6 @@ class TrainLowConfig:
         head_start: share of the training in which critic, discriminator and encoder learn alone. What was cloned is precise to
             a fraction of the exploration std, and the first advantages of an untrained critic would undo it.
         windows: what a latent describes while the clips are cloned.
-        moments: which moments of the clips are learnt from, and how often.
         skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
         coverage_every: samples between two measurements of the deterministic skill coverage (0: only at the end).
         coverage_latents: latents held in each of them.
@@ -64,7 +62,6 @@ class TrainLowConfig:
     warm_start: int = 1000
     head_start: float = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)
-    moments: MomentConfig = field(default_factory=MomentConfig)
     skill_shares: tuple[tuple[str, float], ...] = ()
     coverage_every: int = 250_000
     coverage_latents: int = 256

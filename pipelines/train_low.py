@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from lacoloco.datasets.clip import load_clips
-from lacoloco.datasets.moments import chosen
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.diagnosis import low_level_warnings
@@ -93,7 +92,7 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     directory = begin(context, "train-low", method)
     shares = dict(config.skill_shares)
     library = MotionLibrary(
-        chosen(clips, config.moments), context.device, weighting="skill" if shares else "duration", skill_shares=shares or None
+        clips, context.device, weighting="skill" if shares else "duration", skill_shares=shares or None
     )
     trainer = LowTrainer(spec, library, mine, seed=parallel.own_seed(context.seed), device=context.device)
     # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
