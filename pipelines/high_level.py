@@ -8,7 +8,6 @@ from typing import Any
 import torch
 from tensordict import TensorDict
 
-from lacoloco.pipelines.episodes import MISSED
 from lacoloco.pipelines.high_level_config import TrainHighConfig
 from lacoloco.pipelines.hindsight import clone_hindsight, explore
 from lacoloco.pipelines.learn import parallel
@@ -18,7 +17,7 @@ from lacoloco.pipelines.learn.ppo import Ppo
 from lacoloco.pipelines.learn.tally import Tally
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, Decision, LatentSteeredEnv
+from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.retries import Retries
 from lacoloco.pipelines.sim.state import layout, width
@@ -57,7 +56,6 @@ class HighTrainer:
         self.samples_per_iteration = config.worlds * config.ppo.horizon * HOLD_STEPS
         self.draw = torch.Generator(device).manual_seed(seed + 1)
         self.retries = Retries(env, self.latent_dim, config.second_chances, seed=seed + 2, hold=HOLD_STEPS)
-        self.going_on = torch.zeros(config.worlds, dtype=torch.bool, device=device)
         self.algorithm.warm_up(self._random_observations())
 
     def warm_start(self) -> float:
@@ -93,9 +91,9 @@ class HighTrainer:
             reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
             # Only whole episodes are counted: a fall, but not what comes of its retries.
-            whole = decision.done & ~(self.retries.returned | self.going_on)
+            whole = decision.done & ~self.retries.returned
             again = self.retries.choose(decision.fell)
-            env.reset(decision.done & ~self._goes_on(decision, progress))
+            env.reset(decision.done)
             env.latent = self.retries.put_back(again, env.latent)
             obs = self._observe() if perhaps_any(decision.done) else next_obs
             errors = torch.where(whole, decision.error, 0.0).sum()
@@ -119,17 +117,6 @@ class HighTrainer:
         violation = sums["above"] / max(sums["substeps"], 1.0)
         return figures | means | {"contact_violation": violation, "std": std, "episodes": ended}
 
-    def _goes_on(self, decision: Decision, progress: float) -> torch.Tensor:
-        """(N,) bool, worlds whose episode has missed and that begin the next one where they are; their clock starts anew."""
-        config = self.config
-        if progress < config.go_on_from:
-            return self.going_on
-        lucky = torch.rand(config.worlds, generator=self.draw, device=self.draw.device) < config.go_on
-        now = decision.timed_out & (decision.error > MISSED) & lucky
-        self.going_on = self.going_on & ~decision.done | now
-        self.env.env.steps.masked_fill_(now, 0)
-        return now
-
     def policy(self) -> Policy:
         """The trained actor, deterministic; its output is projected to the sphere by whoever uses it."""
         return Policy(self.head, self.algorithm.actor.eval())
@@ -141,8 +128,6 @@ class HighTrainer:
             "env": self.env.env.state_dict(),
             "latent": self.env.latent,
             "retries": self.retries.state_dict(),
-            "going_on": self.going_on,
-            "draw": self.draw.get_state(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -151,8 +136,6 @@ class HighTrainer:
         self.env.env.load_state_dict(state["env"])
         self.env.latent = state["latent"].to(self.env.device)
         self.retries.load_state_dict(state["retries"])
-        self.going_on = state["going_on"].to(self.env.device)
-        self.draw.set_state(state["draw"])
 
     def _observe(self) -> TensorDict:
         return TensorDict({POLICY: self.env.observe()}, batch_size=[self.env.num_worlds])

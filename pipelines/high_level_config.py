@@ -28,9 +28,6 @@ class TrainHighConfig:
             evaluation, a policy that answers standing with a latent that stands is caught for good.
         randomisation: factor on the spread of masses, centres of mass and pushes; evaluation is at 1.
         second_chances: share of falls after which the world is put back to shortly before, again and again.
-        go_on: share of the episodes that miss (``episodes.MISSED``) after which the world goes on as it is. One in a hundred
-            ends where the robot stands far from the target; as few moments of a rollout show how to leave it.
-        go_on_from: share of the training after which they do. In a beginner's training they would be all there is.
     """
 
     worlds: int = 512
@@ -44,8 +41,6 @@ class TrainHighConfig:
     clean: float = 0.5
     randomisation: float = 1.25
     second_chances: float = 0.9
-    go_on: float = 0.9
-    go_on_from: float = 0.5
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
             horizon=8,

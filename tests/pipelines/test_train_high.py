@@ -169,29 +169,6 @@ def test_contact_forces_are_counted_per_foot_and_substep(make_trainer, monkeypat
     assert trainer.iterate(0.0)["contact_violation"] == pytest.approx(5.0 / (16 * 4 * substeps), rel=0.05)
 
 
-def test_who_misses_goes_on_from_there(make_trainer, monkeypatch):
-    """Worlds 0 to 7 end far away, the others near; all of their time-outs are bootstrapped, whole episodes are counted once."""
-    trainer = make_trainer(horizon=1, go_on=1.0, go_on_from=0.5)
-    env, reality = trainer.env, trainer.env.step
-    far = torch.arange(16) < 8
-
-    def late(z):
-        decision = reality(z)
-        every = torch.ones_like(decision.fell)
-        return replace(decision, fell=~every, timed_out=every, error=torch.where(far, 1.0, 0.1))
-
-    monkeypatch.setattr(env, "step", late)
-    begun = env.env.command.clone()
-    assert trainer.iterate(0.4)["episodes"] == 16.0
-    assert not (env.env.command == begun).all(dim=-1).any(), "too early: everybody gets a new target"
-    begun = env.env.command.clone()
-    assert trainer.iterate(0.6)["episodes"] == 16.0
-    assert torch.equal((env.env.command == begun).all(dim=-1), far)
-    assert torch.equal(env.latent.norm(dim=-1) > 0.5, far), "and its last latent"
-    assert not env.env.steps.any()
-    assert trainer.iterate(0.6)["episodes"] == 8.0
-
-
 def test_bold_spells_keep_the_std_of_the_start(make_trainer):
     trainer = make_trainer(std=(0.4, 0.1))
     trainer.iterate(1.0)
