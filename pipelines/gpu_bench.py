@@ -203,6 +203,8 @@ def interrupted_after(seconds: float) -> Iterator[None]:
     """Interrupt the body as Ctrl-C would, once ``seconds`` have passed: a training then writes its checkpoint."""
 
     def interrupt(number: int, frame: object) -> None:
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background jobs
+            raise KeyboardInterrupt
         os.kill(os.getpid(), signal.SIGINT)
 
     previous = signal.signal(signal.SIGALRM, interrupt)

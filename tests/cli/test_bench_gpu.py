@@ -120,6 +120,16 @@ def test_the_alarm_is_off_afterwards():
     assert signal.getsignal(signal.SIGALRM) is before
 
 
+def test_the_alarm_rings_where_ctrl_c_is_ignored():
+    """As it is in a job that a shell has put into the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with pytest.raises(KeyboardInterrupt), interrupted_after(0.01):
+            time.sleep(10.0)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_a_preset_that_does_not_exist_is_refused(store):
     result = invoke(*TINY, "--preset", "huge")
     assert result.exit_code == 2 and "paper" in result.stderr
