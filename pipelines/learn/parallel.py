@@ -1,7 +1,7 @@
 """One training over several processes, started by ``torchrun``: what they agree on. With one process nothing happens.
 
 Every process has its share of the worlds and of each batch, and its own seed. Gradients (rsl_rl's own reduction),
-normalisers (rsl_rl's synchronise themselves), advantages, learning rate and the constraints' maxima are those of all, so
+normalisers (rsl_rl's synchronise themselves), advantages, learning rate and the constraints' scales are those of all, so
 that all have the same weights after every step. NCCL between GPUs, gloo between CPUs.
 """
 

@@ -129,7 +129,7 @@ class LeggedEnv:
         fell = (self.physics.body_force[:, self._falls] > FALL_FORCE).any(dim=-1) | diverged
         reward = self._reward()
         violations = {c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints}
-        # A broken world may report any force, and the constraints' running maxima over all worlds would keep it.
+        # A broken world may report any force, and the constraints' running scales over all worlds would keep it.
         reward = reward.masked_fill(diverged, 0.0)
         violations = {name: margin.masked_fill(diverged[:, None], 0.0) for name, margin in violations.items()}
         timed_out = (self.steps >= self.episode_steps) & ~fell
