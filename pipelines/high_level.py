@@ -11,7 +11,6 @@ from tensordict import TensorDict
 from lacoloco.pipelines.high_level_config import TrainHighConfig
 from lacoloco.pipelines.hindsight import clone_hindsight, explore
 from lacoloco.pipelines.learn import parallel
-from lacoloco.pipelines.learn.cat import ramp
 from lacoloco.pipelines.learn.latents import latent_usage, project
 from lacoloco.pipelines.learn.networks import geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo
@@ -83,14 +82,13 @@ class HighTrainer:
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
         algorithm.exploration.boldness = config.std[0] / std
-        price = geometric(config.fall_penalty, ramp(progress, *config.fall_penalty_between))
         obs = self._observe()
         tally = Tally()
         for _ in range(config.ppo.horizon):
             self.retries.keep(env.latent)
             decision = env.step(project(algorithm.act(obs)))
             next_obs = self._observe()
-            reward = decision.reward * config.reward_scale - price * decision.fell
+            reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
             # Only whole episodes are counted: a fall, but not what comes of its retries.
             whole = decision.done & ~self.retries.returned
@@ -117,7 +115,7 @@ class HighTrainer:
             figures |= {"final_error": sums["errors"] / ended, "falls_per_episode": sums["falls"] / ended}
         means = {name: sums[name] / config.ppo.horizon for name in ("reward", "speed")}
         violation = sums["above"] / max(sums["substeps"], 1.0)
-        return figures | means | {"contact_violation": violation, "std": std, "fall_penalty": price, "episodes": ended}
+        return figures | means | {"contact_violation": violation, "std": std, "episodes": ended}
 
     def policy(self) -> Policy:
         """The trained actor, deterministic; its output is projected to the sphere by whoever uses it."""

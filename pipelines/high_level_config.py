@@ -20,10 +20,8 @@ class TrainHighConfig:
         hindsight: what it begins with: random latents and where they led.
         head_start: share of the training in which the critic learns alone.
         reward_scale: factor on the task's reward.
-        fall_penalty: taken from the scaled reward by a fall, at the start and at the end. The lost future alone is worth little
-            far from the target, where most falls happen: in the first two seconds, while turning towards it. Who is charged
-            much from the start does not dare to go.
-        fall_penalty_between: shares of the training between which it rises from the first to the second.
+        fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little far from the target,
+            where most falls happen: in the first two seconds, while turning towards it.
         near: share of the training's targets that lie nearer than the task's; the way there takes most of an episode, and
             only what is left of it teaches how to touch.
         clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
@@ -38,8 +36,7 @@ class TrainHighConfig:
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
     head_start: float = 0.02
     reward_scale: float = 10.0
-    fall_penalty: tuple[float, float] = (2.0, 8.0)
-    fall_penalty_between: tuple[float, float] = (0.4, 0.8)
+    fall_penalty: float = 2.0
     near: float = 0.5
     clean: float = 0.5
     randomisation: float = 1.25

@@ -173,22 +173,3 @@ def test_bold_spells_keep_the_std_of_the_start(make_trainer):
     trainer = make_trainer(std=(0.4, 0.1))
     trainer.iterate(1.0)
     assert trainer.algorithm.exploration.boldness == pytest.approx(4.0)
-
-
-def test_falls_become_dearer(make_trainer, monkeypatch):
-    trainer = make_trainer(fall_penalty=(2.0, 8.0), fall_penalty_between=(0.2, 0.6))
-    paid, real = [], trainer.algorithm.record
-
-    def step(z, real=trainer.env.step):
-        decision = real(z)
-        decision.reward[:] = 0.0
-        return replace(decision, fell=torch.ones_like(decision.fell))
-
-    monkeypatch.setattr(trainer.env, "step", step)
-    monkeypatch.setattr(trainer.algorithm, "record", lambda reward, *rest: (paid.append(reward), real(reward, *rest)))
-    prices = []
-    for progress in (0.1, 0.4, 0.9):
-        paid.clear()
-        trainer.iterate(progress)
-        prices.append(-float(paid[-1].mean()))
-    assert prices == pytest.approx([2.0, 4.0, 8.0])
