@@ -93,7 +93,7 @@ class LowTrainer:
             noise_scale(env.terms).to(env.device),
         )
         error = clone(
-            self.algorithm.actor, self.embedding, teacher, self._starts, steps=config.warm_start, draw=self.draw
+            self.algorithm.actor, self.embedding, teacher, self._cloned, steps=config.warm_start, draw=self.draw
         )
         parallel.copy_from_first(self.algorithm.actor, self.embedding)
         return {"clone_error": error, "clone_cosine": self.algorithm.fit_encoder(config.warm_start // 4)}
@@ -153,6 +153,12 @@ class LowTrainer:
     def _starts(self, count: int) -> torch.Tensor:
         """(count,) rows of the clips' states, drawn as demonstrations are."""
         return self.clips.rows(*self.motions.sample(count, generator=self.draw, margin=CONTROL_DT))
+
+    def _cloned(self, count: int) -> torch.Tensor:
+        """(count,) rows at which the windows to be cloned start: some at the beginning of a clip, the others anywhere."""
+        clips, times = self.motions.sample(count, generator=self.draw, margin=CONTROL_DT)
+        times[: round(self.config.beginnings * count)] = 0.0
+        return self.clips.rows(clips, times)
 
     def _examine(self, progress: float) -> dict[str, float]:
         done = round(progress * self.iterations) + 1

@@ -34,6 +34,8 @@ class TrainLowConfig:
             stride the skills go round in circles: 94 % of the latents walk, half a million samples later 27 %.
         warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before everything else; 0 begins
             with a random network and meaningless latents, as the paper does.
+        beginnings: share of the cloned windows that start where a clip begins. Everything a high level does begins standing, and
+            one moment in five hundred of a clip is too little to learn from.
         head_start: share of the training in which critic, discriminator and encoder learn alone. What was cloned is precise to
             a fraction of the exploration std, and the first advantages of an untrained critic would undo it.
         windows: what a latent describes while the clips are cloned.
@@ -60,6 +62,7 @@ class TrainLowConfig:
     std_between: tuple[float, float] = (0.4, 0.9)
     settle: tuple[float, float, float] = (0.1, 0.6, 1.0)
     warm_start: int = 1000
+    beginnings: float = 0.2
     head_start: float = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)
     skill_shares: tuple[tuple[str, float], ...] = ()

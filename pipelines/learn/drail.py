@@ -32,7 +32,7 @@ class DrailConfig:
     samples: int = 4
     times: tuple[float, float] = (0.3, 0.8)
     scale: float = 10.0
-    max_accuracy: float = 0.75
+    max_accuracy: float = 0.9
 
 
 class DrailDiscriminator(nn.Module):

@@ -207,3 +207,10 @@ def test_the_strides_of_the_policy_shorten_towards_the_end(make_trainer):
         trainer.iterate(progress)
         seen.append(trainer.algorithm.desired_kl / trainer.config.ppo.desired_kl)
     assert seen == pytest.approx([1.0, 0.1**0.5, 0.1])
+
+
+def test_what_is_cloned_begins_where_clips_begin_more_often_than_it_would(solo12, motions):
+    trainer = LowTrainer(solo12, motions, replace(smoke(), beginnings=0.25), seed=0, device="cpu")
+    rows = trainer._cloned(400)
+    at_the_beginning = torch.isin(rows, trainer.clips.first).float().mean()
+    assert 0.25 <= at_the_beginning < 0.3
