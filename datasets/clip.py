@@ -54,6 +54,9 @@ class Clip:
     licence: str = ""
     contacts: np.ndarray | None = None
     """(T, F) bool, which feet touch the ground, if known."""
+    joint_target: np.ndarray | None = None
+    """(T, J) rad, where the motors were asked to go from frame k to k + 1, if a robot performed the clip; the last row leads
+    nowhere."""
 
     @classmethod
     def from_poses(
@@ -161,18 +164,20 @@ class Clip:
     def resample(self, fps: float) -> Clip:
         """The same motion at another rate: linear between frames, slerp for the orientation.
 
-        The last frame is the last one that fits into the duration; contacts are the nearest ones.
+        The last frame is the last one that fits into the duration; contacts are the nearest ones. What the motors were
+        asked for makes sense at the clip's own rate only: it is left out.
 
         Raises:
             DatasetError: fps is not positive.
         """
         if not 0 < fps < np.inf:
             raise DatasetError(f"clip '{self.name}': cannot resample to {fps} frames per second")
-        return replace(self, fps=float(fps), **series.resampled(self._rows(), self.fps, fps))
+        clip = self if fps == self.fps else replace(self, joint_target=None)
+        return replace(clip, fps=float(fps), **series.resampled(clip._rows(), self.fps, fps))
 
     def _rows(self) -> dict[str, np.ndarray]:
-        rows = {name: getattr(self, name) for name in series.SERIES}
-        return rows if self.contacts is None else {**rows, "contacts": self.contacts}
+        known = (name for name in series.OPTIONAL if getattr(self, name) is not None)
+        return {name: getattr(self, name) for name in (*series.SERIES, *known)}
 
 
 def save_clips(
@@ -214,6 +219,8 @@ def save_clips(
     for index, clip in enumerate(clips):
         if clip.contacts is not None:
             arrays[f"contacts/{index}"] = clip.contacts
+        if clip.joint_target is not None:
+            arrays[f"joint_target/{index}"] = clip.joint_target.astype(np.float32)
     table = [{name: getattr(clip, name) for name in _TABLE} for clip in clips]
     return write_artifact(
         path,
@@ -251,8 +258,8 @@ def clips_of(artifact: Artifact) -> list[Clip]:
         for index, row in enumerate(metadata["clips"]):
             start, stop = offsets[index], offsets[index + 1]
             rows = {name: arrays[name][start:stop] for name in series.SERIES}
-            contacts = arrays.get(f"contacts/{index}")
-            clips.append(Clip(**row, joint_names=joint_names, **rows, contacts=contacts))
+            known = {name: arrays.get(f"{name}/{index}") for name in series.OPTIONAL}
+            clips.append(Clip(**row, joint_names=joint_names, **rows, **known))
             clips[-1].validate()
         if not clips:
             raise DatasetError("it holds no clips")

@@ -72,6 +72,7 @@ class MotionLibrary:
         self._widths = [3, 3, 3, len(self.joint_names), len(self.joint_names)]
         self._split = [4, 4, 1, sum(self._widths), sum(self._widths)]
         self._table = self._flatten(clips)
+        self._targets = self._tensor(np.concatenate([_joint_targets(clip) for clip in clips]))
         self._draw(0.0)  # refuse weights that leave nothing to sample now, not in mid-training
 
     def __len__(self) -> int:
@@ -97,6 +98,16 @@ class MotionLibrary:
         quat = (angle.cos() * quat).addcmul_(angle.sin(), axis)
         parts = torch.addcmul(state, share, change).split(self._widths, dim=1)
         return MotionFrames(root_quat=quat, **dict(zip(_LINEAR, parts, strict=True)))
+
+    def joint_targets(self, clip_ids: torch.Tensor, times: torch.Tensor, dt: float) -> torch.Tensor:
+        """(n, J) rad, where the motors were asked to go from ``times`` (n,) on, for ``dt`` seconds.
+
+        NaN where that is not known: no robot performed the clip, or it was asked at another rate.
+        """
+        frame = (times * self._fps[clip_ids]).round().long()
+        rows = self._targets[torch.minimum(frame, self._last[clip_ids]) + self._first[clip_ids]]
+        other = (self._fps[clip_ids] * dt - 1.0).abs() > 1e-4
+        return rows.masked_fill(other[:, None], float("nan"))
 
     def sample(
         self, n: int, generator: torch.Generator | None = None, margin: float = 0.0
@@ -206,6 +217,11 @@ class MotionLibrary:
             if total > 0:
                 result[members] = share * shares[members] / total
         return result
+
+
+def _joint_targets(clip: Clip) -> np.ndarray:
+    """(T, J) of a clip, NaN where they are not known."""
+    return np.full(clip.joint_pos.shape, np.nan) if clip.joint_target is None else clip.joint_target
 
 
 def _great_circles(quat: np.ndarray) -> np.ndarray:

@@ -8,6 +8,8 @@ from lacoloco.datasets import rotations
 
 SERIES = ("root_pos", "root_quat", "root_lin_vel_b", "root_ang_vel_b", "joint_pos", "joint_vel")
 """The fields of a clip that hold one row per frame."""
+OPTIONAL = ("contacts", "joint_target")
+"""Those that do, of clips about which this is known."""
 
 _WIDTHS = {"root_pos": 3, "root_quat": 4, "root_lin_vel_b": 3, "root_ang_vel_b": 3}
 
@@ -51,13 +53,13 @@ def problem(rows: dict[str, np.ndarray], joints: int) -> str:
     """The first thing that is wrong with the series of a clip, in words; "" when nothing is.
 
     Args:
-        rows: the series by name, "contacts" only if known.
+        rows: the series by name, those of ``OPTIONAL`` only if known.
         joints: how many joints they should be for.
     """
     frames = len(rows["root_pos"])
     if frames == 0:
         return "has no frames"
-    for name in SERIES:
+    for name in (*SERIES, *(name for name in ("joint_target",) if name in rows)):
         expected = (frames, _WIDTHS.get(name, joints))
         if rows[name].shape != expected:
             return f"{name} has shape {rows[name].shape}, expected {expected}"

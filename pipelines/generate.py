@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from lacoloco.datasets import published
@@ -164,10 +165,12 @@ def record(
     task = replace(base, reset=standing, episode_s=2 * config.seconds)
     env = LeggedEnv(spec, task, count + max(8, count // 4), seed=context.seed, device=context.device)
     upright = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
-    rows, errors, settled = [(env.physics.qpos, env.state)], [], []
+    rows, targets, errors, settled = [(env.physics.qpos, env.state)], [], [], []
     for step in range(steps):
         command = env.command.clone()
-        outcome = env.step(policy(env.observe()))
+        action = policy(env.observe())
+        targets.append(env.default_joint_pos + task.action_scale * action)
+        outcome = env.step(action)
         upright &= ~outcome.fell
         rows.append((env.physics.qpos, env.state))
         if step >= settle:
@@ -186,7 +189,9 @@ def record(
         f"{skill}_worlds": float(env.num_worlds),
     }
     weight = config.reach_weight if skill == "reach" else 1.0
-    return [_clip(spec, skill, weight, index, rows, int(world)) for index, world in enumerate(kept[:count])], figures
+    asked = torch.stack([*targets, targets[-1]], dim=1).cpu().numpy()
+    chosen = enumerate(kept[:count].tolist())
+    return [_clip(spec, skill, weight, index, rows, asked[world], world) for index, world in chosen], figures
 
 
 def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
@@ -195,7 +200,9 @@ def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
     return torch.linalg.vector_norm(reached - command[:, : reached.shape[1]], dim=-1)
 
 
-def _clip(spec: RobotSpec, skill: str, weight: float, index: int, rows: list, world: int) -> Clip:
+def _clip(
+    spec: RobotSpec, skill: str, weight: float, index: int, rows: list, joint_target: np.ndarray, world: int
+) -> Clip:
     def series(pick: Callable) -> torch.Tensor:
         return torch.stack([pick(qpos, state)[world] for qpos, state in rows]).cpu().numpy()
 
@@ -209,6 +216,7 @@ def _clip(spec: RobotSpec, skill: str, weight: float, index: int, rows: list, wo
         root_ang_vel_b=series(lambda _, state: state.ang_vel_b),
         joint_pos=series(lambda qpos, _: qpos[:, 7:]),
         joint_vel=series(lambda _, state: state.joint_vel),
+        joint_target=joint_target,
         skill=skill,
         weight=weight,
         source=f"lacoloco generate: {skill} expert",

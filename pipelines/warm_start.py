@@ -37,12 +37,14 @@ class ClipStates:
         qvel: (M, 6 + J) generalised velocities.
         first: (clips,) row of the first state of every clip.
         last: (M,) row of the last state of the clip that a row belongs to.
+        targets: (M, J) where the motors were asked to go from each state to the next [rad], NaN where nobody knows.
     """
 
     qpos: torch.Tensor
     qvel: torch.Tensor
     first: torch.Tensor
     last: torch.Tensor
+    targets: torch.Tensor
 
     def timeline(self) -> Timeline:
         """The style frames, as the skill embedding looks at them."""
@@ -64,17 +66,24 @@ def clip_states(library: MotionLibrary) -> ClipStates:
     frames = library.frames(clips, within * CONTROL_DT)
     linear = rotations.rotate(frames.root_quat, frames.root_lin_vel_b)
     qpos = torch.cat((frames.root_pos, frames.root_quat, frames.joint_pos), dim=1)
-    return ClipStates(qpos, torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=1), first, last)
+    qvel = torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=1)
+    return ClipStates(qpos, qvel, first, last, library.joint_targets(clips, within * CONTROL_DT, CONTROL_DT))
 
 
 def infer_actions(spec: RobotSpec, states: ClipStates, action_scale: float) -> torch.Tensor:
     """(M, J) raw actions that take every state to the next one of its clip; zero where there is none.
 
-    The world is the model's own, without randomisation.
+    Those that a robot performed the clip with are taken as they are. Inferred ones are a tenth of a radian off where a leg is
+    loaded, and a policy that was cloned from them sinks. The world is the model's own, without randomisation.
     """
     device = states.qpos.device
-    actions = torch.zeros(len(states.qpos), len(spec.joint_names), device=device)
-    chosen = torch.nonzero(torch.arange(len(actions), device=device) < states.last).flatten()
+    moving = torch.arange(len(states.qpos), device=device) < states.last
+    known = states.targets.isfinite().all(dim=1) & moving
+    default = torch.tensor(spec.default_joint_pos, device=device)
+    actions = torch.where(known[:, None], (states.targets - default) / action_scale, 0.0)
+    chosen = torch.nonzero(moving & ~known).flatten()
+    if not len(chosen):
+        return actions
     physics = make_physics(PhysicsRequest(spec, min(1024, len(chosen))), str(device))
     for rows in chosen.split(physics.num_worlds):
         actions[rows] = _solve(spec, physics, states, rows, action_scale)
