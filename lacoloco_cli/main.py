@@ -17,6 +17,7 @@ from lacoloco_cli.failures import USER_MISTAKE, explain
 VERBS = {
     "generate": ("generate", "Record motions of expert policies, trained if need be."),
     "retarget": ("retarget", "Turn motion capture (.bvh) into motions of the robot."),
+    "track": ("track", "Let a robot perform retargeted motions in simulation."),
     "train-low": ("train_low", "Train the low level: latents to motion (ASE)."),
     "train-high": ("train_high", "Train the high level: a target to latents."),
     "eval": ("evaluate", "Measure error, falls and violations: the paper's Table I."),
@@ -84,7 +85,7 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="From example motions to a legged robot that walks to a point and touches it.",
-    epilog="The chain: generate or retarget, train-low, train-high, eval, export, play.",
+    epilog="The chain: generate or retarget and track, train-low, train-high, eval, export, play.",
 )
 
 

@@ -20,7 +20,7 @@ from lacoloco_cli.written_files import check_writable, copy_to
 
 app = typer.Typer()
 
-PLAYABLE = ("train-high", "train-low", "retarget", "generate")
+PLAYABLE = ("train-high", "train-low", "track", "retarget", "generate")
 """Stages whose newest artifact is played when none is named; the first that has one."""
 
 

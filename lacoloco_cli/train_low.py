@@ -16,7 +16,8 @@ from lacoloco_cli.training import taken_over, train_seeds
 app = typer.Typer()
 
 DISCRIMINATORS = ("gan", "drail")
-MAKE_MOTIONS = ("generate", "retarget")
+MAKE_MOTIONS = (("generate",), ("track", "retarget"))
+"""Verbs that make motions; of those in one group only the first that made some counts: the later one's went into it."""
 
 
 @verb(app, torchrun=True)
@@ -61,10 +62,11 @@ def train_low(
 
 
 def newest_motions(session: Session) -> list[Path]:
-    """The run's newest motions of every verb that made some.
+    """The run's newest motions of every group of verbs that made some.
 
     Raises:
         ArtifactError: None made any; the message names a verb that does.
     """
-    made = [session.store.all(session.run_name, maker)[-1:] for maker in MAKE_MOTIONS]
-    return sum(made, []) or [session.store.newest(session.run_name, MAKE_MOTIONS[0])]
+    store, run = session.store, session.run_name
+    made = [next((all_[-1] for verb in group if (all_ := store.all(run, verb))), None) for group in MAKE_MOTIONS]
+    return [path for path in made if path] or [store.newest(run, MAKE_MOTIONS[0][0])]

@@ -14,7 +14,7 @@ from lacoloco.pipelines.stage import StageContext, StageResult
 
 METHODS = {"gan": ("gan", False), "drail": ("drail", False), "gan-cat": ("gan", True), "drail-cat": ("drail", True)}
 """The paper's four methods: discriminator, and whether the foot forces are constrained."""
-STAGES = {"generate": "generate", "retarget": "retarget", "train-low": "train_low", "train-high": "train_high",
+STAGES = {"generate": "generate", "retarget": "retarget", "track": "track", "train-low": "train_low", "train-high": "train_high",
           "eval": "evaluate", "export": "export", "play": "playback"}
 """Verb -> module of ``lacoloco.pipelines``, in the order of the chain."""
 
@@ -25,7 +25,7 @@ class Experiment:
 
     Attributes:
         robot: name of the robot.
-        makers: the stages that make motions, ``generate`` and ``retarget``.
+        makers: the stages that make motions, ``generate``, ``retarget`` and ``track``, in their order.
         learn_from: those of them whose motions the low level imitates.
         about: one line for a person.
         episodes: at most so many are evaluated; a quickstart does not need the paper's 4096.
@@ -53,7 +53,7 @@ EXPERIMENTS = {
         start_from=("solo12-synthetic-low", "solo12-synthetic"),
     ),
     "solo12-synthetic": Experiment("solo12", ("generate",), ("generate",), "walking and reaching experts"),
-    "solo12-dog": Experiment("solo12", ("retarget",), ("retarget",), "a dog's motions, retargeted"),
+    "solo12-dog": Experiment("solo12", ("retarget", "track"), ("track",), "a dog's motions, as the robot performs them"),
     "h1-synthetic": Experiment("h1", ("generate",), ("generate",), "the same on the humanoid"),
 }
 
@@ -122,7 +122,8 @@ def make_motions(name: str, context: StageContext, *, preset: str, mocap: Sequen
         StageError: unknown experiment or preset.
     """
     chain = _resuming(name, context, preset, mocap=mocap)
-    return [chain.stage(maker, chain.context, **chain.sources(maker)).artifact for maker in chain.experiment.learn_from]
+    made = {maker: chain.stage(maker, chain.context, **chain.sources(maker)).artifact for maker in chain.experiment.makers}
+    return [made[maker] for maker in chain.experiment.learn_from]
 
 
 def train_both(name: str, context: StageContext, *, preset: str, method: str) -> Path:
@@ -193,6 +194,8 @@ class _Chain:
         """What a stage that makes motions takes."""
         if maker == "generate":
             return {"robot": self.experiment.robot}
+        if maker == "track":
+            return {"motions": self.newest("retarget")}
         return {"robot": self.experiment.robot, **({"sources": self.mocap} if self.mocap else {})}
 
     def stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:
@@ -251,6 +254,8 @@ HEADLINES: dict[str, Callable[[dict[str, Any]], str]] = {
     "generate": lambda m: f"{m['clips']} clips, {m['seconds']:.0f} s; walking error {m['walk_error_mean']:.3f} m/s, "
     f"reaching error {100 * m['reach_error_mean']:.1f} cm",
     "retarget": lambda m: f"{m['frames_per_second']:.0f} frames/s",
+    "track": lambda m: f"{m['pieces']} pieces, {100 * m['kept']:.0f} % of the clips; speed {m['speed']:.2f} m/s "
+    f"(clips {m['clip_speed']:.2f})",
     "train-low": lambda m: f"{m['samples'] / 1e6:.1f} M samples, {m['samples_per_second']:.0f}/s; speed "
     f"{m['speed']:.2f} m/s (clips {m['clip_speed']:.2f}), latents that walk {100 * m['coverage_walk']:.0f} %, "
     f"reach {100 * m['coverage_reach']:.0f} %",

@@ -119,5 +119,13 @@ EXPERTS = (
     Panel("Exploration", "std [raw action]", (Line("std"),)),
     *LEARNER,
 )
-PANELS = {"experts": EXPERTS, "train-low": LOW, "train-high": HIGH}
-TITLES = {"experts": "Experts", "train-low": "Low level", "train-high": "High level"}
+TRACK = (
+    Panel("Likeness to the clips", "reward, 0 to 1", (Line("reward"),), limits=(0.0, 1.0)),
+    Panel("Clips lost", "per 1000 steps", (Line("lost_per_1000_steps"),)),
+    Panel("Falls", "per 1000 steps", (Line("falls_per_1000_steps"),)),
+    Panel("Constraints", "% of steps", (Line("violation_*", "above limit:", 100.0),)),
+    Panel("Exploration", "std [raw action]", (Line("std"),)),
+    *LEARNER,
+)
+PANELS = {"experts": EXPERTS, "track": TRACK, "train-low": LOW, "train-high": HIGH}
+TITLES = {"experts": "Experts", "track": "Tracker", "train-low": "Low level", "train-high": "High level"}

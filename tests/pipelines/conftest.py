@@ -63,8 +63,8 @@ def in_a_temporary_folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def make_motions():
-    """Factory of a library of two clips in which a robot trots straight on while it turns.
+def make_clips():
+    """Factory of two clips in which a robot trots straight on while it turns.
 
     The base moves forward in its own frame at 0.4 m/s and turns at 0.5 rad/s, at the height at
     which it stands; every joint swings by 0.1 rad around its default.
@@ -90,9 +90,15 @@ def make_motions():
                     skill="walk",
                 )
             )
-        return MotionLibrary(clips)
+        return clips
 
     return factory
+
+
+@pytest.fixture
+def make_motions(make_clips):
+    """Factory of a library of these clips."""
+    return lambda *arguments, **options: MotionLibrary(make_clips(*arguments, **options))
 
 
 @pytest.fixture

@@ -1,0 +1,132 @@
+"""Clips performed by a robot that follows them."""
+
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lacoloco.datasets.clip import load_clips, save_clips
+from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines import track
+from lacoloco.pipelines.references import AHEAD
+from lacoloco.pipelines.stage import StageContext
+from lacoloco.pipelines.tracker import Shadow, TrackerConfig, TrackerTrainer
+
+
+@pytest.fixture
+def library(solo12, make_motions):
+    return make_motions(solo12)
+
+
+@pytest.fixture
+def shadow(solo12, library):
+    config = replace(track.smoke().tracker, standing=0.0)
+    shadow = Shadow(solo12, library, config, 16, seed=0, device="cpu")
+    shadow.begin(torch.ones(16, dtype=torch.bool))
+    return shadow
+
+
+def test_being_where_the_clip_is_pays_most(shadow):
+    here, lost = shadow.references.compare(shadow.env.state, shadow.rows)
+    assert torch.allclose(here, torch.ones(16), atol=1e-3)
+    assert not lost.any()
+    elsewhere, _ = shadow.references.compare(shadow.env.state, (shadow.rows + 10).clamp_max(59))
+    assert (elsewhere < here).all()
+
+
+def test_a_heading_and_a_place_are_not_asked_for(shadow):
+    state = shadow.env.state
+    half_turn = state.root_quat[:, [3, 2, 1, 0]] * torch.tensor([-1.0, -1.0, 1.0, 1.0])
+    turned = replace(state, root_pos=state.root_pos + torch.tensor([3.0, 1.0, 0.0]), root_quat=half_turn)
+    reward, _ = shadow.references.compare(turned, shadow.rows)
+    assert torch.allclose(reward, torch.ones(16), atol=1e-3)
+
+
+@pytest.mark.parametrize("change", ["joints", "height", "tilt"])
+def test_what_is_hopeless_is_lost(shadow, change):
+    state = shadow.env.state
+    changed = {
+        "joints": replace(state, joint_pos=state.joint_pos + 0.6),
+        "height": replace(state, root_pos=state.root_pos + torch.tensor([0.0, 0.0, 0.1])),
+        "tilt": replace(state, root_quat=torch.tensor([[0.9, 0.436, 0.0, 0.0]]).expand(16, 4)),
+    }
+    assert shadow.references.compare(changed[change], shadow.rows)[1].all()
+
+
+def test_it_sees_what_comes_next(shadow):
+    rows = torch.tensor([5, 58])
+    ahead = shadow.references.ahead(rows).view(2, len(AHEAD), -1)
+    assert torch.equal(ahead[0], shadow.references.frames[5 + torch.tensor(AHEAD)])
+    assert torch.equal(ahead[1], shadow.references.frames[[59, 59, 59]]), "a clip does not lead into the next"
+
+
+def test_a_step_leads_to_the_next_moment_and_a_clip_ends(shadow):
+    shadow.put(torch.ones(16, dtype=torch.bool), torch.full((16,), 57), torch.zeros(16, dtype=torch.bool))
+    _, _, lost, ended = shadow.step(torch.zeros(16, 12))
+    assert (shadow.rows == 58).all() and not ended.any()
+    _, _, lost, ended = shadow.step(torch.zeros(16, 12))
+    assert (ended | lost).all()
+
+
+def test_who_begins_standing_may_take_its_time(solo12, library):
+    config = TrackerConfig(worlds=16, standing=1.0, standing_speed=10.0, grace_s=0.04)
+    shadow = Shadow(solo12, library, config, 16, seed=0, device="cpu")
+    shadow.begin(torch.ones(16, dtype=torch.bool))
+    assert float(shadow.env.state.joint_vel.abs().max()) == 0.0
+    crouched = shadow.env.state.root_pos - torch.tensor([0.0, 0.0, 0.1])
+    real = shadow.env._read
+
+    def read():
+        real()
+        shadow.env.state = replace(shadow.env.state, root_pos=crouched)
+
+    shadow.env._read = read
+    outcomes = [bool(shadow.step(torch.zeros(16, 12))[2].all()) for _ in range(3)]
+    assert outcomes == [False, False, True]
+
+
+def test_it_learns_and_goes_on_where_it_was(solo12, library):
+    config = track.smoke().tracker
+    trainer = TrackerTrainer(solo12, library, config, seed=0, device="cpu")
+    trainer.iterate(0.0)
+    kept = deepcopy(trainer.state_dict())
+    other = TrackerTrainer(solo12, library, config, seed=0, device="cpu")
+    generator = torch.get_rng_state()
+    figures = trainer.iterate(0.5)
+    torch.set_rng_state(generator)
+    other.load_state_dict(kept)
+    assert figures == other.iterate(0.5)
+
+
+@pytest.mark.parametrize(
+    ("lost", "standing", "expected"),
+    [
+        ([], True, [(0, 101)]),
+        ([], False, [(10, 101)]),
+        ([60], False, [(10, 41), (71, 101)]),
+        ([60], True, [(0, 41), (71, 101)]),
+        ([20], True, [(31, 101)]),
+        ([60, 70], True, [(0, 41), (81, 101)]),
+    ],
+)
+def test_what_leads_to_a_loss_is_cut_out(lost, standing, expected):
+    config = track.TrackConfig(settle_s=0.2, before_loss_s=0.4, shortest_s=0.2)
+    at = torch.zeros(100, dtype=torch.bool)
+    at[lost] = True
+    assert list(track.pieces_of(at, standing, config)) == expected
+
+
+def test_the_stage_leaves_clips_and_the_tracker(solo12, library, make_clips, tmp_path):
+    context = StageContext(RunStore(tmp_path / "runs"), "r")
+    source = save_clips(
+        tmp_path / "clips.h5", make_clips(solo12), robot=(solo12.name, solo12.model_hash()), config={}, seed=0, parents=[], command=""
+    )
+    result = track.run(track.smoke(), context, motions=source)
+    pieces = load_clips(result.artifact, robot="solo12")
+    assert len(pieces) == result.metrics["pieces"] >= 1
+    assert {piece.skill for piece in pieces} == {clip.skill for clip in make_clips(solo12)}
+    assert all(piece.fps == 50.0 and np.isfinite(piece.joint_vel).all() for piece in pieces)
+    assert (result.artifact.parent / "tracker.h5").exists()
+    assert not list(result.artifact.parent.glob("*.checkpoint.h5"))
