@@ -20,7 +20,8 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.robots.spec import RobotSpec
 
-ITERATIONS = 6
+ITERATIONS = 60
+"""In the air 6 are enough; where a leg is loaded the answer is slower, and after 6 the targets are still 0.14 rad (rms) off."""
 GAIN_POSITION, GAIN_VELOCITY = 1.2, 0.025
 """Correction of a joint target per rad and per rad/s of error [rad]: damped Gauss-Newton for a joint that answers a
 changed target by a third of it in position and by 15 1/s of it in velocity within one control step (Solo12 in the air)."""
@@ -73,8 +74,8 @@ def clip_states(library: MotionLibrary) -> ClipStates:
 def infer_actions(spec: RobotSpec, states: ClipStates, action_scale: float) -> torch.Tensor:
     """(M, J) raw actions that take every state to the next one of its clip; zero where there is none.
 
-    Those that a robot performed the clip with are taken as they are. Inferred ones are a tenth of a radian off where a leg is
-    loaded, and a policy that was cloned from them sinks. The world is the model's own, without randomisation.
+    Those that a robot performed the clip with are taken as they are: inferred ones are 0.06 rad (rms) off for a trotting Solo12.
+    The world is the model's own, without randomisation.
     """
     device = states.qpos.device
     moving = torch.arange(len(states.qpos), device=device) < states.last

@@ -140,3 +140,17 @@ def test_tables_that_do_not_fit_together(make_clip, tmp_path, missing):
     with pytest.raises(ArtifactError, match="do not fit together") as caught:
         load_clips(path)
     assert missing in str(caught.value)
+
+
+def test_what_the_motors_were_asked_for_is_kept_at_its_own_rate(make_clip, tmp_path):
+    clip = make_clip()
+    asked = np.random.default_rng(0).normal(size=clip.joint_pos.shape).astype(np.float32)
+    performed = replace(clip, joint_target=asked)
+    path = save_clips(tmp_path / "clips.h5", [performed, clip], robot=None, config={})
+    read, other = load_clips(path)
+    assert np.array_equal(read.joint_target, asked) and other.joint_target is None
+    assert np.array_equal(read.slice(3, 7).joint_target, asked[3:7])
+    assert np.allclose(read.resample(clip.fps).joint_target, asked, atol=1e-6)
+    assert read.resample(2.0 * clip.fps).joint_target is None
+    with pytest.raises(DatasetError, match="joint_target has shape"):
+        replace(clip, joint_target=asked[1:]).validate()

@@ -159,3 +159,15 @@ def test_transitions_are_recorded_frames_where_the_step_is_a_whole_number_of_fra
     for frames in (before, after):
         apart = frames.joint_pos[:, None] - recorded
         assert apart.abs().amax(dim=-1).amin(dim=1).max() < 1e-5
+
+
+def test_joint_targets_are_those_of_the_frame_or_unknown(make_clip):
+    known = make_clip()
+    asked = np.arange(known.joint_pos.size, dtype=np.float32).reshape(known.joint_pos.shape)
+    library = MotionLibrary([known, replace(known, joint_target=asked)])
+    ids, times = torch.tensor([0, 1, 1, 1]), torch.tensor([0.0, 2.0, 3.4, 1e6]) / known.fps
+    rows = library.joint_targets(ids, times, 1.0 / known.fps)
+    assert rows[0].isnan().all()
+    expected = torch.from_numpy(asked[[2, 3, -1]])
+    assert torch.equal(rows[1:], expected)
+    assert library.joint_targets(ids, times, 0.5 / known.fps).isnan().all()
