@@ -2,58 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-import torch
-
-from lacoloco.datasets.clip import Clip, load_clips, save_clips
+from lacoloco.datasets.clip import load_clips, save_clips
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.policies import Policy, save_policies
-from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.performances import RecordingConfig, record, worlds
+from lacoloco.pipelines.policies import save_policies
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.tracker import Shadow, TrackerConfig, TrackerTrainer
 from lacoloco.pipelines.training import remove_checkpoints, train
-from lacoloco.pipelines.warm_start import ClipStates
 from lacoloco.robots.registry import load_robot
-from lacoloco.robots.spec import RobotSpec
 
-MOVING = 0.2
-"""Planar speed beyond which a clip moves [m/s]."""
-RESTING = 0.3
-"""Mean joint speed below which a robot rests, if it does not move either [rad/s]."""
 SHOWN = ("reward", "lost_per_1000_steps", "falls_per_1000_steps", "std")
 
 
 @dataclass(frozen=True)
 class TrackConfig:
-    """Tracker and recording.
-
-    Attributes:
-        copies: how often every clip is followed from its beginning, each time by another robot: own friction and masses.
-        starts: further pieces that begin with a robot that stands in the default pose while its clip moves: clips rarely show
-            how one begins, and a policy that has never seen it does not.
-        start_s: length of those [s].
-        settle_s: seconds after being put into a clip's state that are not recorded: its feet are not in the floor yet.
-        before_loss_s: seconds before the robot lost its clip that are not recorded either.
-        shortest_s: pieces shorter than this are left out.
-        rest_s: of every stillness so much is kept at its beginning and at its end; animals rest most of the time, and a
-            policy that has seen little else stands [s].
-    """
+    """The tracker's training, and what is recorded of it."""
 
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
-    copies: int = 6
-    starts: int = 200
-    start_s: float = 5.0
-    settle_s: float = 0.2
-    before_loss_s: float = 0.4
-    shortest_s: float = 1.0
-    rest_s: float = 1.0
+    recording: RecordingConfig = field(default_factory=RecordingConfig)
 
 
 def laptop() -> TrackConfig:
@@ -69,7 +41,7 @@ def smoke() -> TrackConfig:
         ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
     )
-    return TrackConfig(tracker, copies=1, starts=2, settle_s=0.0, before_loss_s=0.0, shortest_s=0.1)
+    return TrackConfig(tracker, RecordingConfig(copies=1, starts=2, settle_s=0.0, before_loss_s=0.0, shortest_s=0.1))
 
 
 def gpu() -> TrackConfig:
@@ -97,7 +69,10 @@ def run(config: TrackConfig, context: StageContext, *, motions: Path) -> StageRe
     trainer = TrackerTrainer(spec, library, config.tracker, seed=context.seed, device=context.device)
     metrics = train(trainer, trainer.iterations, directory.path, context, "track", SHOWN, config=asdict(config))
     policy = trainer.policy()
-    pieces, figures = record(spec, library, clips, policy, config, context)
+    shadow = Shadow(
+        spec, library, config.tracker, worlds(clips, config.recording), seed=context.seed + 1, device=context.device
+    )
+    pieces, figures = record(shadow, clips, policy, config.recording, seed=context.seed)
     metrics |= figures
     written = {"spec": spec, "context": context, "config": asdict(config), "metrics": metrics}
     save_policies(directory.file("tracker.h5"), [policy], parents=[motions], **written)
@@ -113,194 +88,3 @@ def run(config: TrackConfig, context: StageContext, *, motions: Path) -> StageRe
     )
     remove_checkpoints(directory.path)
     return StageResult(directory.complete(), metrics)
-
-
-@dataclass(frozen=True)
-class Journey:
-    """Who follows what: one world each, W in all.
-
-    Attributes:
-        rows: (W,) where it begins, as a row of the clips' states.
-        steps: (W,) control steps that it takes.
-        standing: (W,) bool, whether it begins in the default pose instead of the clip's state.
-    """
-
-    rows: torch.Tensor
-    steps: torch.Tensor
-    standing: torch.Tensor
-
-
-def plan(states: ClipStates, speed: torch.Tensor, default: torch.Tensor, config: TrackConfig, *, seed: int) -> Journey:
-    """Every clip from beginning to end, ``copies`` times, and ``starts`` that begin standing where a clip moves.
-
-    Args:
-        states: the clips.
-        speed: (M,) planar speed of each of their rows [m/s].
-        default: (J,) the default pose [rad].
-        config: how many of each.
-        seed: which moments the starts are taken from.
-    """
-    through = states.first.repeat(config.copies)
-    shortest, longest = (round(seconds / CONTROL_DT) for seconds in (2.0 * config.shortest_s, config.start_s))
-    ahead = states.last - torch.arange(len(states.last), device=states.last.device)
-    moving = (speed > MOVING) & (speed < config.tracker.standing_speed) & (ahead >= shortest)
-    begun = _beginnings(states, torch.nonzero(moving).flatten(), default, config.starts, seed)
-    rows = torch.cat((through, begun))
-    steps = torch.cat((ahead[through], ahead[begun].clamp_max(longest)))
-    return Journey(rows, steps, torch.arange(len(rows), device=rows.device) >= len(through))
-
-
-def _beginnings(
-    states: ClipStates, moving: torch.Tensor, default: torch.Tensor, count: int, seed: int
-) -> torch.Tensor:
-    """(count,) of the rows ``moving``, or none where there are too few: alike in pose, and in which legs swing.
-
-    From a standstill a gait can begin in any phase; who has seen all of them begins in their mean, which is to stand. So those
-    are taken that swing in one sense of the main component of the joint velocities, and of these the quarter that is nearest
-    to the default pose.
-    """
-    if len(moving) < 8:
-        return moving[:0]
-    velocity = states.qvel[moving, 6:]
-    main = torch.linalg.eigh(velocity.T @ velocity).eigenvectors[:, -1]
-    main = main * main[main.abs().argmax()].sign()
-    swing = velocity @ main
-    one_sense = moving[swing > swing.quantile(0.75)]
-    far = (states.qpos[one_sense, 7:] - default).norm(dim=1)
-    near = one_sense[far.argsort()[: max(1, len(far) // 4)]]
-    draw = torch.Generator().manual_seed(seed)
-    return near[torch.randint(len(near), (count,), generator=draw).to(near.device)]
-
-
-def record(
-    spec: RobotSpec,
-    library: MotionLibrary,
-    clips: Sequence[Clip],
-    policy: Policy,
-    config: TrackConfig,
-    context: StageContext,
-) -> tuple[list[Clip], dict[str, float]]:
-    """Follow the clips as planned, deterministically; what is worth keeping becomes clips.
-
-    Returns:
-        The pieces, and the share of the time that they hold, how often a clip was lost, the mean reward, and the clips' and the
-        pieces' mean planar speed [m/s].
-
-    Raises:
-        StageError: no piece is long enough.
-    """
-    worlds = len(clips) * config.copies + config.starts
-    shadow = Shadow(spec, library, config.tracker, worlds, seed=context.seed + 1, device=context.device)
-    journey = plan(shadow.states, shadow.references.speed, shadow.env.default_joint_pos, config, seed=context.seed)
-    frames, lost, rewards = _follow(shadow, journey, policy)
-    source = torch.searchsorted(shadow.states.first, journey.rows, right=True) - 1
-    pieces = []
-    for world, steps in enumerate(journey.steps.tolist()):
-        clip = clips[int(source[world])]
-        resting = _resting(frames, world)
-        spans = [
-            span
-            for whole in pieces_of(lost[world, :steps], bool(journey.standing[world]), config)
-            for span in without_rest(resting, whole, config)
-        ]
-        for number, (start, stop) in enumerate(spans):
-            series = {name: values[world, start:stop] for name, values in frames.items()}
-            pieces.append(_clip(spec, clip, f"{clip.name}_{world:03d}_{number:02d}", series))
-    if not pieces:
-        raise StageError("the tracker lost every clip too soon; train it longer")
-    active = torch.arange(lost.shape[1]) < journey.steps.cpu()[:, None]
-    return pieces, {
-        "pieces": len(pieces),
-        "kept": sum(piece.duration for piece in pieces) / (CONTROL_DT * float(journey.steps.sum())),
-        "lost": float((lost & active).sum()),
-        "reward_recorded": float(rewards[active].mean()),
-        "clip_speed": float(shadow.references.speed.mean()),
-        "speed": _mean_speed(pieces),
-    }
-
-
-def _follow(
-    shadow: Shadow, journey: Journey, policy: Policy
-) -> tuple[dict[str, np.ndarray], torch.Tensor, torch.Tensor]:
-    """Series (W, T + 1, ...) of the robots' states; (W, T) bool where they lost their clip, and rewards.
-
-    Where a robot lost it is where it goes on, in the clip's own state. Worlds that the plan has no use for idle in the first one.
-    """
-    idle = shadow.env.num_worlds - len(journey.rows)
-    rows = torch.cat((journey.rows, journey.rows[:1].expand(idle)))
-    standing = torch.cat((journey.standing, journey.standing.new_zeros(idle)))
-    shadow.env.episode_steps.fill_(int(shadow.states.last.max()) + 2)
-    shadow.put(torch.ones_like(standing), rows, standing)
-    states, targets, losses, rewards = [_snapshot(shadow)], [], [], []
-    for _ in range(int(journey.steps.max())):
-        _, reward, lost, _ = shadow.step(policy(*shadow.observe().values()))
-        targets.append(shadow.env.default_joint_pos + shadow.env.task.action_scale * shadow.env.action)
-        shadow.put(lost, shadow.rows, torch.zeros_like(lost))
-        states.append(_snapshot(shadow))
-        losses.append(lost.cpu())
-        rewards.append(reward.cpu())
-    count, columns = len(journey.rows), {name: [state[name] for state in states] for name in states[0]}
-    columns["joint_target"] = [*targets, targets[-1]]
-    series = {name: torch.stack(column, dim=1)[:count].cpu().numpy() for name, column in columns.items()}
-    return series, torch.stack(losses, dim=1)[:count], torch.stack(rewards, dim=1)[:count]
-
-
-def pieces_of(lost: torch.Tensor, standing: bool, config: TrackConfig) -> Iterator[tuple[int, int]]:
-    """[start, stop) of the frames of one world that are worth keeping, from where it ``lost`` (T,) its clip."""
-    settle, before, shortest = (
-        round(seconds / CONTROL_DT) for seconds in (config.settle_s, config.before_loss_s, config.shortest_s)
-    )
-    start = 0 if standing else settle
-    losses = (torch.nonzero(lost).flatten() + 1).tolist()
-    for end in [*losses, len(lost) + 1 + before]:
-        if end - before - start > shortest:
-            yield start, end - before
-        start = end + settle
-
-
-def without_rest(resting: np.ndarray, span: tuple[int, int], config: TrackConfig) -> Iterator[tuple[int, int]]:
-    """What is left of frames [start, stop) when the middle of every stillness, ``resting`` (T,) bool, is cut out."""
-    start, stop = span
-    keep, shortest = round(config.rest_s / CONTROL_DT), round(config.shortest_s / CONTROL_DT)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], resting[start:stop].astype(int), [0]))))
-    for begin, end in start + edges.reshape(-1, 2):
-        if end - begin > 2 * keep:
-            if begin + keep - start > shortest:
-                yield start, int(begin + keep)
-            start = int(end - keep)
-    if stop - start > shortest:
-        yield start, stop
-
-
-def _resting(frames: dict[str, np.ndarray], world: int) -> np.ndarray:
-    """(T,) bool, where a recorded robot hardly moves."""
-    planar = np.linalg.norm(frames["root_lin_vel_b"][world, :, :2], axis=1)
-    joints = np.abs(frames["joint_vel"][world]).mean(axis=1)
-    return (planar < 0.25 * MOVING) & (joints < RESTING)
-
-
-def _snapshot(shadow: Shadow) -> dict[str, torch.Tensor]:
-    state = shadow.env.state
-    names = ("root_pos", "root_quat", "joint_pos", "joint_vel")
-    named = {name: getattr(state, name).clone() for name in names}
-    return named | {"root_lin_vel_b": state.lin_vel_b.clone(), "root_ang_vel_b": state.ang_vel_b.clone()}
-
-
-def _clip(spec: RobotSpec, source: Clip, name: str, series: dict) -> Clip:
-    about = f"lacoloco track: {source.name}" + (f" ({source.source})" if source.source else "")
-    return Clip(
-        name=name,
-        fps=1.0 / CONTROL_DT,
-        joint_names=spec.joint_names,
-        skill=source.skill,
-        weight=source.weight,
-        source=about,
-        licence=source.licence,
-        **series,
-    )
-
-
-def _mean_speed(pieces: Sequence[Clip]) -> float:
-    """Mean planar speed of the base over all frames [m/s]."""
-    planar = torch.cat([torch.as_tensor(piece.root_lin_vel_b[:, :2]) for piece in pieces])
-    return float(planar.norm(dim=-1).mean())

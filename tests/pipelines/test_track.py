@@ -9,7 +9,7 @@ import torch
 
 from lacoloco.datasets.clip import load_clips, save_clips
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import track
+from lacoloco.pipelines import performances, track
 from lacoloco.pipelines.references import AHEAD
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.pipelines.tracker import Shadow, TrackerConfig, TrackerTrainer
@@ -112,10 +112,40 @@ def test_it_learns_and_goes_on_where_it_was(solo12, library):
     ],
 )
 def test_what_leads_to_a_loss_is_cut_out(lost, standing, expected):
-    config = track.TrackConfig(settle_s=0.2, before_loss_s=0.4, shortest_s=0.2)
+    config = performances.RecordingConfig(settle_s=0.2, before_loss_s=0.4, shortest_s=0.2)
     at = torch.zeros(100, dtype=torch.bool)
     at[lost] = True
-    assert list(track.pieces_of(at, standing, config)) == expected
+    assert list(performances.pieces_of(at, standing, config)) == expected
+
+
+@pytest.mark.parametrize(
+    ("resting", "expected"),
+    [
+        ([], [(10, 100)]),
+        ([(30, 50)], [(10, 100)]),
+        ([(30, 70)], [(10, 40), (60, 100)]),
+        ([(0, 70)], [(10, 20), (60, 100)]),
+        ([(0, 200)], [(10, 20), (90, 100)]),
+        ([(15, 40), (50, 90)], [(10, 25), (30, 60), (80, 100)]),
+    ],
+)
+def test_of_a_stillness_only_its_ends_are_kept(resting, expected):
+    config = performances.RecordingConfig(rest_s=0.2, shortest_s=0.1)
+    still = np.zeros(200, dtype=bool)
+    for start, stop in resting:
+        still[start:stop] = True
+    assert list(performances.without_rest(still, (10, 100), config)) == expected
+
+
+def test_all_beginnings_swing_the_same_way(shadow):
+    config = performances.RecordingConfig(copies=2, starts=5, shortest_s=0.05)
+    journey = performances.plan(shadow, config, seed=0)
+    assert performances.worlds("ab", config) == len(journey.rows) == 9
+    assert journey.rows[:4].tolist() == [0, 60, 0, 60] and journey.steps[:4].tolist() == [59] * 4
+    assert journey.standing.tolist() == [False] * 4 + [True] * 5
+    velocity = shadow.states.qvel[journey.rows[4:], 6:]
+    assert (velocity @ velocity.T > 0.0).all()
+    assert (journey.rows + journey.steps <= shadow.states.last[journey.rows]).all()
 
 
 def test_the_stage_leaves_clips_and_the_tracker(solo12, library, make_clips, tmp_path):
