@@ -259,3 +259,14 @@ def test_what_is_published_is_used_by_its_name(chain, tmp_path, monkeypatch):
     assert 0.0 <= switching["walk_first_reach_last"] <= 1.0
     shown = new.answer("runs", "show", "solo12-synthetic")["artifacts"][0]["lineage"]
     assert [row["state"] for row in shown] == ["ok"] * 4, "high, low, motions, experts"
+
+
+@pytest.mark.slow
+def test_the_low_level_learns_from_what_a_robot_made_of_a_dogs_motions(tmp_path):
+    chain = Chain(tmp_path / "runs")
+    assert chain.invoke("track", "--run", "dog", *SMOKE).exit_code == 2, "there is nothing to follow yet"
+    chain.answer("retarget", "--run", "dog", "--trim", "0s:2s", *SMOKE)
+    assert chain.answer("track", *SMOKE)["pieces"] >= 1
+    chain.answer("train-low", *SMOKE)
+    parents = str(read_header(chain.store.newest("dog", "train-low")).parents)
+    assert "track" in parents and "retarget" not in parents, "not from both"
