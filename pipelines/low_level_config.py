@@ -54,7 +54,7 @@ class TrainLowConfig:
     episode_s: float = 2.0
     rehearsal: float = 0.5
     rehearsal_from: float = 0.3
-    randomisation: float = 1.25
+    randomisation: float = 1.5
     second_chances: float = 0.9
     push: float = 0.3
     push_every_s: tuple[float, float] = (1.0, 3.0)
