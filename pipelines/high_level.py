@@ -40,6 +40,7 @@ class HighTrainer:
             task,
             command=replace(task.command, near=config.near),
             randomisation=widened(task.randomisation, config.randomisation),
+            fall_tilt=config.fall_tilt,
         )
         env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)
         # Evenly among the worlds: PPO orders them by how often they act on the mean.

@@ -22,6 +22,7 @@ class TrainHighConfig:
         reward_scale: factor on the task's reward.
         fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little far from the target,
             where most falls happen: in the first two seconds, while turning towards it.
+        fall_tilt: tilt of the base that is a fall already [rad]; in evaluation a fall is what touches the ground.
         near: share of the training's targets that lie nearer than the task's; the way there takes most of an episode, and
             only what is left of it teaches how to touch.
         clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
@@ -37,6 +38,7 @@ class TrainHighConfig:
     head_start: float = 0.02
     reward_scale: float = 10.0
     fall_penalty: float = 2.0
+    fall_tilt: float = 1.05
     near: float = 0.5
     clean: float = 0.5
     randomisation: float = 1.25

@@ -240,4 +240,4 @@ def _task(spec: RobotSpec, config: TrainLowConfig) -> Task:
     if around.push:
         around = replace(around, push=config.push, push_interval_s=config.push_every_s)
     reset = replace(task.reset, clip_share=config.clip_share)
-    return replace(task, episode_s=config.episode_s, reset=reset, randomisation=around)
+    return replace(task, episode_s=config.episode_s, fall_tilt=config.fall_tilt, reset=reset, randomisation=around)

@@ -7,6 +7,7 @@ reset (facts 9.2, B2, B3, B8, B9).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -127,6 +128,8 @@ class LeggedEnv:
         diverged = self.physics.diverged
         self.diverged_total += diverged.sum()
         fell = (self.physics.body_force[:, self._falls] > FALL_FORCE).any(dim=-1) | diverged
+        if self.task.fall_tilt is not None:
+            fell |= self.state.gravity_b[:, 2] > -math.cos(self.task.fall_tilt)
         reward = self._reward()
         violations = {c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints}
         # A broken world may report any force, and the constraints' running scales over all worlds would keep it.

@@ -36,6 +36,8 @@ class Task:
         clip_reward: never pay less than zero, as the original's CaT environments do.
         resample_s: seconds between command changes inside an episode; None keeps one command.
         fall_on_undesired: also end the episode when an undesired body touches something.
+        fall_tilt: end it also when the base is tilted by more than this [rad]. A robot that tips over rolls onto its back for a
+            second before what counts as a fall touches the ground.
         noise: factor on the observation noise (0: clean).
         training_limits: motors as strong as in training rather than as strong as they are.
     """
@@ -49,6 +51,7 @@ class Task:
     clip_reward: bool = False
     constraints: tuple[Constraint, ...] = ()
     fall_on_undesired: bool = False
+    fall_tilt: float | None = None
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
     noise: float = 1.0

@@ -190,6 +190,17 @@ def test_only_undesired_contacts_that_the_task_names_end_an_episode(make_env, so
         assert idle(env).fell.tolist() == [False, strict, False, False]
 
 
+@pytest.mark.parametrize(("limit", "expected"), [(None, [False] * 4), (1.0, [False, True, True, False])])
+def test_tipping_over_is_a_fall_where_the_task_says_so(make_env, limit, expected):
+    """Whichever way, and long before the base touches the ground."""
+    env = make_env(fall_tilt=limit)
+    qpos, tilts = env.physics.qpos.clone(), torch.tensor([0.0, 1.2, -1.2, 0.8])
+    qpos[:, 2] = 1.0
+    qpos[:, 3:7] = torch.stack((torch.cos(tilts / 2), torch.sin(tilts / 2), 0 * tilts, 0 * tilts), dim=1)
+    env.physics.reset(torch.arange(4), qpos, torch.zeros(4, 6 + env.num_actions))
+    assert idle(env).fell.tolist() == expected
+
+
 def test_reset_touches_only_the_worlds_of_its_mask(make_env, solo12):
     env = make_env(reach_task(solo12))
     env.step(torch.ones(WORLDS, 12))
