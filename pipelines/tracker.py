@@ -71,7 +71,7 @@ class Shadow:
         self, spec: RobotSpec, library: MotionLibrary, config: TrackerConfig, worlds: int, *, seed: int, device: str
     ) -> None:
         """Infer the clips' actions and put every world somewhere."""
-        self.config, self.library = config, library
+        self.config, self.motions = config, library
         self.env = LeggedEnv(spec, _task(spec, config), worlds, seed=seed, device=device)
         self.draw = torch.Generator(device).manual_seed(seed + 1)
         self.states: ClipStates = clip_states(library)
@@ -104,7 +104,7 @@ class Shadow:
     def begin(self, mask: torch.Tensor) -> None:
         """Begin anew in the worlds of ``mask`` (N,) bool: at any moment in its state, or standing at a slow one."""
         count = self.env.num_worlds
-        anywhere = self.states.rows(*self.library.sample(count, generator=self.draw, margin=2.0 * CONTROL_DT))
+        anywhere = self.states.rows(*self.motions.sample(count, generator=self.draw, margin=2.0 * CONTROL_DT))
         pause = self._slow[torch.randint(len(self._slow), (count,), generator=self.draw, device=self.draw.device)]
         standing = torch.rand(count, generator=self.draw, device=self.draw.device) < self.config.standing
         self.put(mask, torch.where(standing, pause, anywhere), standing)
