@@ -41,6 +41,7 @@ class HighTrainer:
             command=replace(task.command, near=config.near),
             randomisation=widened(task.randomisation, config.randomisation),
             fall_tilt=config.fall_tilt,
+            rewards=(*task.rewards, ("approach", config.approach)) if config.approach else task.rewards,
         )
         env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)
         # Evenly among the worlds: PPO orders them by how often they act on the mean.

@@ -20,6 +20,8 @@ class TrainHighConfig:
         hindsight: what it begins with: random latents and where they led.
         head_start: share of the training in which the critic learns alone.
         reward_scale: factor on the task's reward.
+        approach: weight of exp(-d / 0.3 m) in the task's reward, beside 1 for exp(-10 d). Over skills that hardly ever stop, whoever
+            goes passes by, which the reward for progress takes back: without this they learn to stand.
         fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little far from the target,
             where most falls happen: in the first two seconds, while turning towards it.
         fall_tilt: tilt of the base that is a fall already [rad]; in evaluation a fall is what touches the ground.
@@ -37,6 +39,7 @@ class TrainHighConfig:
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
     head_start: float = 0.02
     reward_scale: float = 10.0
+    approach: float = 0.0
     fall_penalty: float = 2.0
     fall_tilt: float = 1.05
     near: float = 0.5
