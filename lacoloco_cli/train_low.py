@@ -16,8 +16,6 @@ from lacoloco_cli.training import taken_over, train_seeds
 app = typer.Typer()
 
 DISCRIMINATORS = ("gan", "drail")
-MAKE_MOTIONS = (("generate",), ("track", "retarget"))
-"""Verbs that make motions; of those in one group only the first that made some counts: the later one's went into it."""
 
 
 @verb(app, torchrun=True)
@@ -62,11 +60,17 @@ def train_low(
 
 
 def newest_motions(session: Session) -> list[Path]:
-    """The run's newest motions of every group of verbs that made some.
+    """The run's newest motions of every verb that made some; those of `retarget` only if nobody performed them.
 
     Raises:
         ArtifactError: None made any; the message names a verb that does.
     """
+    from lacoloco.datasets.artifact import read_header
+
     store, run = session.store, session.run_name
-    made = [next((all_[-1] for verb in group if (all_ := store.all(run, verb))), None) for group in MAKE_MOTIONS]
-    return [path for path in made if path] or [store.newest(run, MAKE_MOTIONS[0][0])]
+    generated, performed, retargeted = (store.all(run, verb)[-1:] for verb in ("generate", "track", "retarget"))
+    if performed and retargeted:
+        followed = [parent.locate(performed[0]) for parent in read_header(performed[0]).parents]
+        if retargeted[0].absolute() not in followed:
+            session.progress.say("`lacoloco track` has not followed the newest retargeted motions: taking those it did")
+    return generated + (performed or retargeted) or [store.newest(run, "generate")]

@@ -270,3 +270,7 @@ def test_the_low_level_learns_from_what_a_robot_made_of_a_dogs_motions(tmp_path)
     chain.answer("train-low", *SMOKE)
     parents = str(read_header(chain.store.newest("dog", "train-low")).parents)
     assert "track" in parents and "retarget" not in parents, "not from both"
+    told = "has not followed the newest retargeted motions"
+    assert told not in chain.invoke("train-low", "--run", "dog", "--preset", "smoke").stderr
+    chain.answer("retarget", "--run", "dog", "--trim", "0s:1s", *SMOKE)
+    assert told in chain.invoke("train-low", "--run", "dog", "--preset", "smoke").stderr
