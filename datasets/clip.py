@@ -217,10 +217,10 @@ def save_clips(
     }
     arrays["offsets"] = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     for index, clip in enumerate(clips):
-        if clip.contacts is not None:
-            arrays[f"contacts/{index}"] = clip.contacts
-        if clip.joint_target is not None:
-            arrays[f"joint_target/{index}"] = clip.joint_target.astype(np.float32)
+        for name in series.OPTIONAL:
+            rows = getattr(clip, name)
+            if rows is not None:
+                arrays[f"{name}/{index}"] = rows if rows.dtype == bool else rows.astype(np.float32)
     table = [{name: getattr(clip, name) for name in _TABLE} for clip in clips]
     return write_artifact(
         path,

@@ -17,6 +17,8 @@ METHODS = {"gan": ("gan", False), "drail": ("drail", False), "gan-cat": ("gan", 
 STAGES = {"generate": "generate", "retarget": "retarget", "track": "track", "train-low": "train_low", "train-high": "train_high",
           "eval": "evaluate", "export": "export", "play": "playback"}
 """Verb -> module of ``lacoloco.pipelines``, in the order of the chain."""
+FOLLOWS = {"track": "retarget"}
+"""Maker of motions -> the maker whose motions it takes."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,11 @@ def make_motions(name: str, context: StageContext, *, preset: str, mocap: Sequen
         StageError: unknown experiment or preset.
     """
     chain = _resuming(name, context, preset, mocap=mocap)
-    made = {maker: chain.stage(maker, chain.context, **chain.sources(maker)).artifact for maker in chain.experiment.makers}
-    return [made[maker] for maker in chain.experiment.learn_from]
+    learn_from = chain.experiment.learn_from
+    needed = {*learn_from, *(FOLLOWS[maker] for maker in learn_from if maker in FOLLOWS)}
+    makers = [maker for maker in chain.experiment.makers if maker in needed]
+    made = {maker: chain.stage(maker, chain.context, **chain.sources(maker)).artifact for maker in makers}
+    return [made[maker] for maker in learn_from]
 
 
 def train_both(name: str, context: StageContext, *, preset: str, method: str) -> Path:
@@ -194,8 +199,8 @@ class _Chain:
         """What a stage that makes motions takes."""
         if maker == "generate":
             return {"robot": self.experiment.robot}
-        if maker == "track":
-            return {"motions": self.newest("retarget")}
+        if maker in FOLLOWS:
+            return {"motions": self.newest(FOLLOWS[maker])}
         return {"robot": self.experiment.robot, **({"sources": self.mocap} if self.mocap else {})}
 
     def stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:
