@@ -69,9 +69,8 @@ def run(config: TrackConfig, context: StageContext, *, motions: Path) -> StageRe
     trainer = TrackerTrainer(spec, library, config.tracker, seed=context.seed, device=context.device)
     metrics = train(trainer, trainer.iterations, directory.path, context, "track", SHOWN, config=asdict(config))
     policy = trainer.policy()
-    shadow = Shadow(
-        spec, library, config.tracker, worlds(clips, config.recording), seed=context.seed + 1, device=context.device
-    )
+    count, references = worlds(clips, config.recording), trainer.shadow.references
+    shadow = Shadow(spec, library, references, config.tracker, count, seed=context.seed + 1, device=context.device)
     pieces, figures = record(shadow, clips, policy, config.recording, seed=context.seed)
     metrics |= figures
     written = {"spec": spec, "context": context, "config": asdict(config), "metrics": metrics}

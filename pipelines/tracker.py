@@ -26,8 +26,7 @@ from lacoloco.pipelines.sim.env import LeggedEnv, Step
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import Task, imitate_task
-from lacoloco.pipelines.warm_start import ClipStates, clip_states, infer_actions, previous_actions
-from lacoloco.pipelines.worlds import pick, select
+from lacoloco.pipelines.worlds import perhaps_any, pick, select
 from lacoloco.robots.spec import RobotSpec
 
 POLICY, REFERENCE = "policy", "reference"
@@ -68,19 +67,24 @@ class Shadow:
     """N worlds, each on its way through a clip; ``rows`` (N,) are the moments that they should be in."""
 
     def __init__(
-        self, spec: RobotSpec, library: MotionLibrary, config: TrackerConfig, worlds: int, *, seed: int, device: str
+        self,
+        spec: RobotSpec,
+        library: MotionLibrary,
+        references: References,
+        config: TrackerConfig,
+        worlds: int,
+        *,
+        seed: int,
+        device: str,
     ) -> None:
-        """Infer the clips' actions and put every world somewhere."""
-        self.config, self.motions = config, library
+        """Build the worlds; ``references`` are those of ``library``."""
+        self.config, self.motions, self.references = config, library, references
         self.env = LeggedEnv(spec, _task(spec, config), worlds, seed=seed, device=device)
         self.draw = torch.Generator(device).manual_seed(seed + 1)
-        self.states: ClipStates = clip_states(library)
-        actions = infer_actions(spec, self.states, self.env.task.action_scale)
-        self.before = previous_actions(self.states, actions)
-        self.references = References(self.states, actions)
+        self.states = references.states
         self.rows = torch.zeros(worlds, dtype=torch.long, device=device)
         self.grace = torch.zeros_like(self.rows)
-        slow = self.references.speed < config.standing_speed
+        slow = references.speed < config.standing_speed
         self._slow = torch.nonzero(slow if bool(slow.any()) else ~slow).flatten()
 
     def observe(self) -> TensorDict:
@@ -118,7 +122,7 @@ class Shadow:
         inside = select(mask & ~standing)
         if len(inside):
             chosen = pick(self.rows, inside)
-            self.env.start_from(inside, self.states.qpos[chosen], self.states.qvel[chosen], self.before[chosen])
+            self.env.start_from(inside, self.states.qpos[chosen], self.states.qvel[chosen], self.references.before[chosen])
 
 
 class TrackerTrainer:
@@ -130,7 +134,8 @@ class TrackerTrainer:
         """Build worlds and learner."""
         torch.manual_seed(seed)
         self.config = config
-        self.shadow = Shadow(spec, library, config, config.worlds, seed=seed, device=device)
+        references = References(spec, library)
+        self.shadow = Shadow(spec, library, references, config, config.worlds, seed=seed, device=device)
         env = self.shadow.env
         sizes = {POLICY: width(env.terms), REFERENCE: self.shadow.references.width}
         self.algorithm = Ppo(sizes, env.num_actions, config.worlds, config.ppo, config.networks, device)
@@ -155,9 +160,12 @@ class TrackerTrainer:
         for _ in range(config.ppo.horizon):
             step, reward, lost, ended = shadow.step(algorithm.act(obs))
             delta = self.terminations(step.violations, strength) if step.violations else None
-            algorithm.record((1.0 - config.ppo.gamma) * reward, lost, ended, shadow.observe(), delta)
-            shadow.begin(lost | ended)
-            obs = shadow.observe()
+            next_obs, over = shadow.observe(), lost | ended
+            algorithm.record((1.0 - config.ppo.gamma) * reward, lost, ended, next_obs, delta)
+            if perhaps_any(over):
+                shadow.begin(over)
+                next_obs = shadow.observe()
+            obs = next_obs
             tally.add(reward=reward.mean(), lost=lost.sum(), falls=step.fell.sum())
         algorithm.compute_returns(obs)
         figures, sums = algorithm.update(), tally.read()

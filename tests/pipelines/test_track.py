@@ -10,7 +10,7 @@ import torch
 from lacoloco.datasets.clip import load_clips, save_clips
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import performances, track
-from lacoloco.pipelines.references import AHEAD
+from lacoloco.pipelines.references import AHEAD, References
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.pipelines.tracker import Shadow, TrackerConfig, TrackerTrainer
 
@@ -23,7 +23,7 @@ def library(solo12, make_motions):
 @pytest.fixture
 def shadow(solo12, library):
     config = replace(track.smoke().tracker, standing=0.0)
-    shadow = Shadow(solo12, library, config, 16, seed=0, device="cpu")
+    shadow = Shadow(solo12, library, References(solo12, library), config, 16, seed=0, device="cpu")
     shadow.begin(torch.ones(16, dtype=torch.bool))
     return shadow
 
@@ -72,7 +72,7 @@ def test_a_step_leads_to_the_next_moment_and_a_clip_ends(shadow):
 
 def test_who_begins_standing_may_take_its_time(solo12, library):
     config = TrackerConfig(worlds=16, standing=1.0, standing_speed=10.0, grace_s=0.04)
-    shadow = Shadow(solo12, library, config, 16, seed=0, device="cpu")
+    shadow = Shadow(solo12, library, References(solo12, library), config, 16, seed=0, device="cpu")
     shadow.begin(torch.ones(16, dtype=torch.bool))
     assert float(shadow.env.state.joint_vel.abs().max()) == 0.0
     crouched = shadow.env.state.root_pos - torch.tensor([0.0, 0.0, 0.1])
