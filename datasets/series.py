@@ -8,6 +8,8 @@ from lacoloco.datasets import rotations
 
 SERIES = ("root_pos", "root_quat", "root_lin_vel_b", "root_ang_vel_b", "joint_pos", "joint_vel")
 """The fields of a clip that hold one row per frame."""
+VELOCITIES = ("root_lin_vel_b", "root_ang_vel_b", "joint_vel")
+"""Those of them that are per second."""
 OPTIONAL = ("contacts", "joint_target")
 """Those that do, of clips about which this is known."""
 

@@ -16,8 +16,10 @@ app = typer.Typer()
 def track(
     session: Session,
     motions: Annotated[
-        Path | None,
-        typer.Option("--motions", help="Motions, or their published name; default: the run's newest retargeted ones."),
+        list[Path] | None,
+        typer.Option(
+            "--motions", help="Motions, or their published name; may be repeated; default: the run's newest retargeted ones."
+        ),
     ] = None,
 ) -> None:
     """Train a policy that follows motions in simulation, and record what it does."""
@@ -25,6 +27,6 @@ def track(
     from lacoloco.pipelines import track as stage
 
     config = session.config(stage.PRESETS)
-    source = resolve(motions) if motions else session.store.newest(session.run_name, "retarget")
-    result = stage.run(config, session.context(), motions=source)
+    sources = [resolve(one) for one in motions] if motions else [session.store.newest(session.run_name, "retarget")]
+    result = stage.run(config, session.context(), motions=sources)
     session.answer({"artifact": path_text(result.artifact), **result.metrics})

@@ -200,7 +200,7 @@ class _Chain:
         if maker == "generate":
             return {"robot": self.experiment.robot}
         if maker in FOLLOWS:
-            return {"motions": self.newest(FOLLOWS[maker])}
+            return {"motions": [self.newest(FOLLOWS[maker])]}
         return {"robot": self.experiment.robot, **({"sources": self.mocap} if self.mocap else {})}
 
     def stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:

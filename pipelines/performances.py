@@ -12,7 +12,7 @@ from lacoloco.datasets.clip import Clip
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-from lacoloco.pipelines.tracker import Shadow
+from lacoloco.pipelines.tracker import NEVER, Shadow
 from lacoloco.pipelines.warm_start import ClipStates
 
 MOVING = 0.2
@@ -30,6 +30,9 @@ class RecordingConfig:
         starts: further pieces that begin with a robot that stands in the default pose while its clip moves: clips rarely show
             how one begins, and a policy that has never seen it does not.
         start_s: length of those [s].
+        stops: further pieces in which a moving robot stops, at any moment of its clip.
+        stop_after_s: between how many seconds of its clip come before it stops.
+        stand_s: seconds from then on.
         settle_s: seconds after being put into a clip's state that are not recorded: its feet are not in the floor yet.
         before_loss_s: seconds before the robot lost its clip that are not recorded either.
         shortest_s: pieces shorter than this are left out.
@@ -37,9 +40,12 @@ class RecordingConfig:
             policy that has seen little else stands [s].
     """
 
-    copies: int = 6
+    copies: int = 3
     starts: int = 200
     start_s: float = 5.0
+    stops: int = 200
+    stop_after_s: tuple[float, float] = (0.5, 2.5)
+    stand_s: float = 2.0
     settle_s: float = 0.2
     before_loss_s: float = 0.4
     shortest_s: float = 1.0
@@ -54,27 +60,45 @@ class Journey:
         rows: (W,) where it begins, as a row of the clips' states.
         steps: (W,) control steps that it takes.
         standing: (W,) bool, whether it begins in the default pose instead of the clip's state.
+        stop_at: (W,) the step from which on it is to stand still, ``tracker.NEVER`` for most.
     """
 
     rows: torch.Tensor
     steps: torch.Tensor
     standing: torch.Tensor
+    stop_at: torch.Tensor
 
 
 def plan(shadow: Shadow, config: RecordingConfig, *, seed: int) -> Journey:
-    """Every clip from beginning to end, ``copies`` times, and ``starts`` that begin standing where a clip moves.
+    """Every clip but the last from beginning to end, ``copies`` times, ``starts`` that begin standing where a clip moves, ``stops``.
 
-    ``seed`` decides which of the possible starts are taken.
+    ``seed`` decides which of the possible starts and stops are taken.
     """
     states, speed = shadow.states, shadow.references.speed
-    through = states.first.repeat(config.copies)
+    through = states.first[:-1].repeat(config.copies)
     shortest, longest = (round(seconds / CONTROL_DT) for seconds in (2.0 * config.shortest_s, config.start_s))
     ahead = states.last - torch.arange(len(states.last), device=states.last.device)
     moving = (speed > MOVING) & (speed < shadow.config.standing_speed) & (ahead >= shortest)
     begun = _beginnings(states, torch.nonzero(moving).flatten(), shadow.env.default_joint_pos, config.starts, seed)
-    rows = torch.cat((through, begun))
-    steps = torch.cat((ahead[through], ahead[begun].clamp_max(longest)))
-    return Journey(rows, steps, torch.arange(len(rows), device=rows.device) >= len(through))
+    ended, after = _ends(torch.nonzero((speed > MOVING) & (ahead > shortest)).flatten(), ahead, config, seed + 1)
+    rows = torch.cat((through, begun, ended))
+    standing, stop_at = torch.zeros_like(rows, dtype=torch.bool), torch.full_like(rows, NEVER)
+    standing[len(through) : len(through) + len(begun)] = True
+    stop_at[len(rows) - len(ended) :] = after
+    steps = torch.cat((ahead[through], ahead[begun].clamp_max(longest), after + round(config.stand_s / CONTROL_DT)))
+    return Journey(rows, steps, standing, stop_at)
+
+
+def _ends(
+    moving: torch.Tensor, ahead: torch.Tensor, config: RecordingConfig, seed: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(K,) of the rows ``moving``, none where there are none, and (K,) the steps after which to stop: before the clip ends."""
+    draw = torch.Generator().manual_seed(seed)
+    count = config.stops if len(moving) else 0
+    rows = moving[torch.randint(max(1, len(moving)), (count,), generator=draw).to(moving.device)]
+    earliest, latest = (seconds / CONTROL_DT for seconds in config.stop_after_s)
+    after = (earliest + torch.rand(count, generator=draw).to(moving.device) * (latest - earliest)).long()
+    return rows, torch.minimum(after, ahead[rows] - 1)
 
 
 def _beginnings(
@@ -100,8 +124,8 @@ def _beginnings(
 
 
 def worlds(clips: Sequence[Clip], config: RecordingConfig) -> int:
-    """How many worlds a recording of ``clips`` takes."""
-    return len(clips) * config.copies + config.starts
+    """How many worlds a recording of ``clips``, the last of which is nothing but standing, takes."""
+    return (len(clips) - 1) * config.copies + config.starts + config.stops
 
 
 def record(
@@ -158,6 +182,7 @@ def _follow(
     standing = torch.cat((journey.standing, journey.standing.new_zeros(idle)))
     shadow.env.episode_steps.fill_(int(shadow.states.last.max()) + 2)
     shadow.put(torch.ones_like(standing), rows, standing)
+    shadow.stop_at[: len(journey.rows)] = journey.stop_at
     states, targets, losses, rewards = [_snapshot(shadow)], [], [], []
     for _ in range(int(journey.steps.max())):
         _, reward, lost, _ = shadow.step(policy(*shadow.observe().values()))

@@ -26,12 +26,14 @@ TERMS = {
 
 
 class References:
-    """The clips by row: their states, style frames and actions."""
+    """The clips by row: their states, style frames and actions. The last clip is the robot standing (``repertoire.py``)."""
 
     def __init__(self, spec: RobotSpec, library: MotionLibrary) -> None:
         """Line up the clips and infer their actions, (M, J) raw units, which takes a while."""
         self.states: ClipStates = clip_states(library)
         self.actions = infer_actions(spec, self.states, spec.action_scale)
+        self.rest = int(self.states.first[-1])
+        """The row from which on the robot stands still."""
         self.before = previous_actions(self.states, self.actions)
         """(M, J) the action before each row's."""
         state = RobotState.from_generalized(self.states.qpos, self.states.qvel)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.performances import RecordingConfig, record, worlds
 from lacoloco.pipelines.policies import save_policies
+from lacoloco.pipelines.repertoire import repertoire
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.tracker import Shadow, TrackerConfig, TrackerTrainer
 from lacoloco.pipelines.training import remove_checkpoints, train
@@ -22,10 +23,17 @@ SHOWN = ("reward", "lost_per_1000_steps", "falls_per_1000_steps", "std")
 
 @dataclass(frozen=True)
 class TrackConfig:
-    """The tracker's training, and what is recorded of it."""
+    """The tracker's training, and what is recorded of it.
+
+    Attributes:
+        tracker: the training.
+        recording: what is recorded.
+        paces: factors on the speed of the clips; each is followed at each of them.
+    """
 
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
+    paces: tuple[float, ...] = (1.0, 0.6)
 
 
 def laptop() -> TrackConfig:
@@ -41,7 +49,7 @@ def smoke() -> TrackConfig:
         ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
     )
-    return TrackConfig(tracker, RecordingConfig(copies=1, starts=2, settle_s=0.0, before_loss_s=0.0, shortest_s=0.1))
+    return TrackConfig(tracker, RecordingConfig(copies=1, starts=2, stops=2, settle_s=0.0, before_loss_s=0.0, shortest_s=0.1))
 
 
 def gpu() -> TrackConfig:
@@ -53,8 +61,8 @@ def gpu() -> TrackConfig:
 PRESETS: dict[str, Callable[[], TrackConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": gpu}
 
 
-def run(config: TrackConfig, context: StageContext, *, motions: Path) -> StageResult:
-    """Train a tracker on the clips of one artifact and record it; the tracker is kept beside the clips.
+def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) -> StageResult:
+    """Train a tracker on the clips of some artifacts and record it; the tracker is kept beside the clips.
 
     Raises:
         ArtifactError: the motions are missing or damaged.
@@ -62,8 +70,9 @@ def run(config: TrackConfig, context: StageContext, *, motions: Path) -> StageRe
     """
     from lacoloco.datasets.artifact import read_header
 
-    spec = load_robot(read_header(motions).robot)
-    clips = load_clips(motions, robot=spec.name)
+    spec = load_robot(read_header(motions[0]).robot)
+    given = [clip for path in motions for clip in load_clips(path, robot=spec.name)]
+    clips = repertoire(spec, given, config.paces)
     library = MotionLibrary(clips, context.device)
     directory = context.store.begin(context.run, "track", resume=context.resume)
     trainer = TrackerTrainer(spec, library, config.tracker, seed=context.seed, device=context.device)
@@ -74,14 +83,14 @@ def run(config: TrackConfig, context: StageContext, *, motions: Path) -> StageRe
     pieces, figures = record(shadow, clips, policy, config.recording, seed=context.seed)
     metrics |= figures
     written = {"spec": spec, "context": context, "config": asdict(config), "metrics": metrics}
-    save_policies(directory.file("tracker.h5"), [policy], parents=[motions], **written)
+    save_policies(directory.file("tracker.h5"), [policy], parents=motions, **written)
     save_clips(
         directory.file("artifact.h5"),
         pieces,
         robot=(spec.name, spec.model_hash()),
         config=asdict(config),
         seed=context.seed,
-        parents=[motions],
+        parents=motions,
         command=context.command,
         metadata={"metrics": metrics},
     )

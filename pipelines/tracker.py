@@ -30,6 +30,8 @@ from lacoloco.pipelines.worlds import perhaps_any, pick, select
 from lacoloco.robots.spec import RobotSpec
 
 POLICY, REFERENCE = "policy", "reference"
+NEVER = -1
+"""Age of an episode at which nobody ever is."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,10 @@ class TrackerConfig:
         episode_s: seconds until a world begins at another moment.
         standing: share of the episodes that begin standing still in the default pose, at a moment slower than
             ``standing_speed`` [m/s]: clips rarely show how one begins.
-        grace_s: seconds after such a beginning in which it may be as far from the clip as it likes.
+        stopping: share of the other episodes in which the robot is to stand still from some moment on: clips rarely show how
+            one stops, and never where a target is.
+        stop_after_s: between which two ages of the episode that moment is.
+        grace_s: seconds after such a beginning or moment in which it may be as far from the clip as it likes.
         ramp: shares of the training between which the limit on the foot forces rises to full strength.
         std: exploration std at the start and at the end, in raw action units, around the inferred actions.
     """
@@ -52,6 +57,8 @@ class TrackerConfig:
     episode_s: float = 4.0
     standing: float = 0.2
     standing_speed: float = 0.8
+    stopping: float = 0.2
+    stop_after_s: tuple[float, float] = (0.3, 2.5)
     grace_s: float = 0.6
     ramp: tuple[float, float] = (0.4, 0.8)
     std: tuple[float, float] = (0.12, 0.05)
@@ -64,7 +71,10 @@ class TrackerConfig:
 
 
 class Shadow:
-    """N worlds, each on its way through a clip; ``rows`` (N,) are the moments that they should be in."""
+    """N worlds, each on its way through a clip; ``rows`` (N,) are the moments that they should be in.
+
+    ``stop_at`` (N,) is the age of the episode, in control steps, at which it is left for standing still, ``NEVER`` in most.
+    """
 
     def __init__(
         self,
@@ -84,6 +94,7 @@ class Shadow:
         self.states = references.states
         self.rows = torch.zeros(worlds, dtype=torch.long, device=device)
         self.grace = torch.zeros_like(self.rows)
+        self.stop_at = torch.full_like(self.rows, NEVER)
         slow = references.speed < config.standing_speed
         self._slow = torch.nonzero(slow if bool(slow.any()) else ~slow).flatten()
 
@@ -103,6 +114,9 @@ class Shadow:
         reward, lost = self.references.compare(self.env.state, self.rows)
         lost = step.fell | lost & (self.env.steps > self.grace)
         ended = (step.timed_out | (self.rows == self.states.last[self.rows])) & ~lost
+        stops = self.env.steps == self.stop_at
+        self.rows = torch.where(stops, self.references.rest, self.rows)
+        self.grace = torch.where(stops, self.env.steps + round(self.config.grace_s / CONTROL_DT), self.grace)
         return step, reward.masked_fill(~step.valid, 0.0), lost, ended
 
     def begin(self, mask: torch.Tensor) -> None:
@@ -110,14 +124,22 @@ class Shadow:
         count = self.env.num_worlds
         anywhere = self.states.rows(*self.motions.sample(count, generator=self.draw, margin=2.0 * CONTROL_DT))
         pause = self._slow[torch.randint(len(self._slow), (count,), generator=self.draw, device=self.draw.device)]
-        standing = torch.rand(count, generator=self.draw, device=self.draw.device) < self.config.standing
+        kind, when = torch.rand(2, count, generator=self.draw, device=self.draw.device)
+        standing = kind < self.config.standing
         self.put(mask, torch.where(standing, pause, anywhere), standing)
+        earliest, latest = (seconds / CONTROL_DT for seconds in self.config.stop_after_s)
+        stops = mask & (kind > 1.0 - self.config.stopping * (1.0 - self.config.standing))
+        self.stop_at = torch.where(stops, (earliest + when * (latest - earliest)).long(), self.stop_at)
 
     def put(self, mask: torch.Tensor, rows: torch.Tensor, standing: torch.Tensor) -> None:
-        """Put the worlds of ``mask`` at the moments ``rows`` (N,), those of ``standing`` (N,) bool in the default pose."""
+        """Put the worlds of ``mask`` at the moments ``rows`` (N,), those of ``standing`` (N,) bool in the default pose.
+
+        None of them is to stop.
+        """
         self.rows = torch.where(mask, rows, self.rows)
         grace = torch.where(standing, round(self.config.grace_s / CONTROL_DT), 0)
         self.grace = torch.where(mask, grace, self.grace)
+        self.stop_at = torch.where(mask, NEVER, self.stop_at)
         self.env.reset(mask)
         inside = select(mask & ~standing)
         if len(inside):
@@ -192,6 +214,7 @@ class TrackerTrainer:
             "draw": shadow.draw.get_state(),
             "rows": shadow.rows,
             "grace": shadow.grace,
+            "stop_at": shadow.stop_at,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -200,8 +223,8 @@ class TrackerTrainer:
         self.shadow.env.load_state_dict(state["env"])
         self.terminations.load_state_dict(state["terminations"])
         self.shadow.draw.set_state(state["draw"])
-        self.shadow.rows = state["rows"].to(self.shadow.env.device)
-        self.shadow.grace = state["grace"].to(self.shadow.env.device)
+        for name in ("rows", "grace", "stop_at"):
+            setattr(self.shadow, name, state[name].to(self.shadow.env.device))
 
     def _first_observations(self, everyone: torch.Tensor) -> TensorDict:
         seen = []

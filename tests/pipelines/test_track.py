@@ -8,21 +8,23 @@ import pytest
 import torch
 
 from lacoloco.datasets.clip import load_clips, save_clips
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import performances, track
 from lacoloco.pipelines.references import AHEAD, References
+from lacoloco.pipelines.repertoire import repertoire
 from lacoloco.pipelines.stage import StageContext
-from lacoloco.pipelines.tracker import Shadow, TrackerConfig, TrackerTrainer
+from lacoloco.pipelines.tracker import NEVER, Shadow, TrackerConfig, TrackerTrainer
 
 
 @pytest.fixture
-def library(solo12, make_motions):
-    return make_motions(solo12)
+def library(solo12, make_clips):
+    return MotionLibrary(repertoire(solo12, make_clips(solo12), (1.0,)))
 
 
 @pytest.fixture
 def shadow(solo12, library):
-    config = replace(track.smoke().tracker, standing=0.0)
+    config = replace(track.smoke().tracker, standing=0.0, stopping=0.0)
     shadow = Shadow(solo12, library, References(solo12, library), config, 16, seed=0, device="cpu")
     shadow.begin(torch.ones(16, dtype=torch.bool))
     return shadow
@@ -138,14 +140,58 @@ def test_of_a_stillness_only_its_ends_are_kept(resting, expected):
 
 
 def test_all_beginnings_swing_the_same_way(shadow):
-    config = performances.RecordingConfig(copies=2, starts=5, shortest_s=0.05)
+    config = performances.RecordingConfig(copies=2, starts=5, stops=0, shortest_s=0.05)
     journey = performances.plan(shadow, config, seed=0)
-    assert performances.worlds("ab", config) == len(journey.rows) == 9
+    assert performances.worlds("abc", config) == len(journey.rows) == 9
     assert journey.rows[:4].tolist() == [0, 60, 0, 60] and journey.steps[:4].tolist() == [59] * 4
     assert journey.standing.tolist() == [False] * 4 + [True] * 5
+    assert (journey.stop_at == NEVER).all()
     velocity = shadow.states.qvel[journey.rows[4:], 6:]
     assert (velocity @ velocity.T > 0.0).all()
     assert (journey.rows + journey.steps <= shadow.states.last[journey.rows]).all()
+
+
+def test_a_stop_leaves_the_clip_for_standing_and_gives_time(shadow):
+    everyone, still = torch.ones(16, dtype=torch.bool), torch.zeros(16, 12)
+    shadow.put(everyone, torch.full((16,), 20), ~everyone)
+    shadow.stop_at[:8] = 2
+    shadow.step(still)
+    assert (shadow.rows == 21).all()
+    shadow.step(still)
+    assert (shadow.rows[:8] == shadow.states.first[-1]).all() and (shadow.rows[8:] == 22).all()
+    assert (shadow.grace[:8] > 2).all() and (shadow.grace[8:] == 0).all()
+    shadow.put(everyone, shadow.rows, ~everyone)
+    assert (shadow.stop_at == NEVER).all(), "who was put elsewhere does not stop there"
+
+
+def test_a_share_of_the_episodes_stops(solo12, library):
+    config = replace(track.smoke().tracker, standing=0.5, stopping=0.5, stop_after_s=(0.1, 0.2))
+    shadow = Shadow(solo12, library, References(solo12, library), config, 256, seed=0, device="cpu")
+    shadow.begin(torch.ones(256, dtype=torch.bool))
+    stops = shadow.stop_at != NEVER
+    assert 0.18 < float(stops.float().mean()) < 0.32 and not (stops & (shadow.grace > 0)).any()
+    assert shadow.stop_at[stops].min() >= 5 and shadow.stop_at[stops].max() < 10
+
+
+def test_stops_are_planned_before_their_clips_end(shadow):
+    config = performances.RecordingConfig(copies=1, starts=0, stops=50, stop_after_s=(0.2, 5.0), shortest_s=0.1, stand_s=0.4)
+    journey = performances.plan(shadow, config, seed=0)
+    assert performances.worlds("abc", config) == len(journey.rows) == 52
+    rows, stop_at = journey.rows[2:], journey.stop_at[2:]
+    assert (journey.stop_at[:2] == NEVER).all() and not journey.standing.any()
+    assert (stop_at >= 1).all() and (rows + stop_at < shadow.states.last[rows]).all()
+    assert (journey.steps[2:] == stop_at + 20).all()
+    assert (shadow.references.speed[rows] > performances.MOVING).all()
+
+
+def test_the_repertoire_is_the_clips_at_every_pace_and_standing(solo12, make_clips):
+    clips = make_clips(solo12)
+    made = repertoire(solo12, clips, (1.0, 0.5))
+    assert [clip.name for clip in made] == ["clip_0", "clip_1", "clip_0_pace0.5", "clip_1_pace0.5", "standing"]
+    assert made[2].duration == pytest.approx(2.0 * clips[0].duration)
+    assert np.allclose(made[2].joint_vel, 0.5 * clips[0].joint_vel) and np.array_equal(made[2].joint_pos, clips[0].joint_pos)
+    still = made[-1]
+    assert not still.joint_vel.any() and np.allclose(still.joint_pos, solo12.default_joint_pos)
 
 
 def test_the_stage_leaves_clips_and_the_tracker(solo12, library, make_clips, tmp_path):
@@ -153,7 +199,7 @@ def test_the_stage_leaves_clips_and_the_tracker(solo12, library, make_clips, tmp
     source = save_clips(
         tmp_path / "clips.h5", make_clips(solo12), robot=(solo12.name, solo12.model_hash()), config={}, seed=0, parents=[], command=""
     )
-    result = track.run(track.smoke(), context, motions=source)
+    result = track.run(track.smoke(), context, motions=[source])
     pieces = load_clips(result.artifact, robot="solo12")
     assert len(pieces) == result.metrics["pieces"] >= 1
     assert {piece.skill for piece in pieces} == {clip.skill for clip in make_clips(solo12)}
