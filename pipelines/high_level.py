@@ -11,6 +11,7 @@ from tensordict import TensorDict
 from lacoloco.pipelines.high_level_config import TrainHighConfig
 from lacoloco.pipelines.hindsight import clone_hindsight, explore
 from lacoloco.pipelines.learn import parallel
+from lacoloco.pipelines.learn.cat import ramp
 from lacoloco.pipelines.learn.latents import latent_usage, project
 from lacoloco.pipelines.learn.networks import geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo
@@ -81,11 +82,13 @@ class HighTrainer:
         """One rollout and its update."""
         env, algorithm, config = self.env, self.algorithm, self.config
         algorithm.actor_learns = not config.hindsight.decisions or progress >= config.head_start
+        calm, begin, end = config.settle
+        algorithm.desired_kl = config.ppo.desired_kl * geometric((1.0, calm), ramp(progress, begin, end))
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
         algorithm.exploration.boldness = config.std[0] / std
         obs = self._observe()
-        tally = Tally()
+        tally, fresh = Tally(), torch.zeros(env.num_worlds, dtype=torch.bool, device=env.env.device)
         for _ in range(config.ppo.horizon):
             self.retries.keep(env.latent)
             decision = env.step(project(algorithm.act(obs)))
@@ -96,6 +99,7 @@ class HighTrainer:
             whole = decision.done & ~self.retries.returned
             again = self.retries.choose(decision.fell)
             env.reset(decision.done)
+            fresh |= decision.done & ~again
             env.latent = self.retries.put_back(again, env.latent)
             obs = self._observe() if perhaps_any(decision.done) else next_obs
             errors = torch.where(whole, decision.error, 0.0).sum()
@@ -109,6 +113,7 @@ class HighTrainer:
                 above=decision.above_limit.mean(dim=1).sum(),
                 substeps=decision.substeps.sum(),
             )
+        env.env.redraw(fresh)
         algorithm.compute_returns(obs)
         usage = latent_usage(project(algorithm.storage.distribution_params[0].flatten(0, 1)))
         figures = algorithm.update() | usage

@@ -17,6 +17,7 @@ class TrainHighConfig:
         worlds: parallel worlds.
         decisions: high-level samples in all; each takes five control steps.
         std: exploration std of the unnormalised latent at the start and at the end; bold spells keep that of the start.
+        settle: what the KL target falls to, as a share of itself, and the shares of the training between which it does.
         hindsight: what it begins with: random latents and where they led.
         head_start: share of the training in which the critic learns alone.
         reward_scale: factor on the task's reward.
@@ -36,6 +37,7 @@ class TrainHighConfig:
     worlds: int = 512
     decisions: int = 4_000_000
     std: tuple[float, float] = (0.5, 0.12)
+    settle: tuple[float, float, float] = (0.1, 0.6, 1.0)
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
     head_start: float = 0.02
     reward_scale: float = 10.0
@@ -53,6 +55,7 @@ class TrainHighConfig:
             minibatches=2,
             gamma=0.97,
             desired_kl=0.02,
+            min_learning_rate=1e-6,
             bound=1.5,
             bound_weight=0.1,
             deterministic_share=0.4,

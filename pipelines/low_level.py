@@ -114,7 +114,7 @@ class LowTrainer:
         calm, begin, end = config.settle
         algorithm.desired_kl = config.ppo.desired_kl * geometric((1.0, calm), ramp(progress, begin, end))
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
-        tally = Tally()
+        tally, fresh = Tally(), torch.zeros_like(self.rehearsing)
         frame, obs = env.frame(), self._observe()
         for _ in range(config.ppo.horizon):
             self.retries.keep(self.latents.z)
@@ -128,9 +128,11 @@ class LowTrainer:
             tally.add(**{f"violation_{name}": share for name, share in self.terminations.violated.items()})
             again = self.retries.choose(step.fell)
             env.reset(step.done)
+            fresh |= step.done & ~again
             self.latents.advance(step.done)
             self.latents.z = self.retries.put_back(again, self.latents.z)
             frame, obs = env.frame(), self._observe()
+        env.redraw(fresh)
         algorithm.compute_returns(obs)
         figures = algorithm.update()
         sums = tally.read()

@@ -20,7 +20,7 @@ from lacoloco.pipelines.sim.constraints import CONSTRAINTS
 from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.feet import FootTimer
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
-from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest
+from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters
 from lacoloco.pipelines.sim.randomisation import draw_parameters
 from lacoloco.pipelines.sim.rewards import REWARDS
 from lacoloco.pipelines.sim.starts import StandingStarts
@@ -103,7 +103,8 @@ class LeggedEnv:
         self._resample_at = torch.zeros_like(self.steps)
         self._push_at = torch.zeros_like(self.steps)
         self.diverged_total = torch.zeros((), dtype=torch.long, device=self.device)
-        self.physics.set_parameters(draw_parameters(task.randomisation, num_worlds, self.draw))
+        self.parameters = draw_parameters(task.randomisation, num_worlds, self.draw)
+        self.physics.set_parameters(self.parameters)
         self._read()
         self.reset(torch.ones(num_worlds, dtype=torch.bool, device=self.device))
 
@@ -186,6 +187,15 @@ class LeggedEnv:
         self.action = self.action.clone()
         put(self.action, worlds, action)
 
+    def redraw(self, mask: torch.Tensor) -> None:
+        """Put other robots on other floors into the worlds of ``mask`` (N,) bool, where they are and as they move.
+
+        Costs a third of a step for any number of them: for whoever began anew since the last call, now and then.
+        """
+        others = draw_parameters(self.task.randomisation, self.num_worlds, self.draw)
+        self.parameters = self.parameters.replaced(mask, others)
+        self.physics.set_parameters(self.parameters)
+
     def stagger(self) -> None:
         """Spread the ages of the running episodes, so that time-outs do not all fall into the same iteration."""
         self.steps = (self._uniform(self.num_worlds) * self.episode_steps).long()
@@ -209,6 +219,7 @@ class LeggedEnv:
         tensors = {key: getattr(self, key) for key in _STATE}
         return {
             "physics": self.physics.state_dict(),
+            "parameters": self.parameters.columns(),
             "draw": self.draw.get_state(),
             "feet": self.feet.state_dict(),
             "diverged_total": self.diverged_total,
@@ -216,7 +227,10 @@ class LeggedEnv:
         }
 
     def load_state_dict(self, state: dict[str, object]) -> None:
-        """Restore :meth:`state_dict`; the world parameters come from the seed, which must be the same."""
+        """Restore :meth:`state_dict`."""
+        columns = {name: values.to(self.device) for name, values in state["parameters"].items()}
+        self.parameters = WorldParameters(**columns)
+        self.physics.set_parameters(self.parameters)
         self.physics.load_state_dict(state["physics"])
         self.draw.set_state(state["draw"])
         self.feet.load_state_dict(state["feet"])

@@ -6,7 +6,7 @@ physics substeps per control step. All tensors are float32 on :attr:`Physics.dev
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import torch
@@ -34,6 +34,15 @@ class WorldParameters:
     mass_scale: torch.Tensor
     inertia_scale: torch.Tensor
     base_com_offset: torch.Tensor
+
+    def replaced(self, mask: torch.Tensor, others: WorldParameters) -> WorldParameters:
+        """Those of ``others`` in the worlds of ``mask`` (N,) bool."""
+        pairs = zip(self.columns().values(), others.columns().values(), strict=True)
+        return WorldParameters(*(torch.where(mask.view(-1, *(1,) * (old.ndim - 1)), new, old) for old, new in pairs))
+
+    def columns(self) -> dict[str, torch.Tensor]:
+        """The fields by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class Physics(Protocol):

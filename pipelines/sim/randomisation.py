@@ -1,4 +1,4 @@
-"""What differs between worlds: drawn once per world, and by how much."""
+"""What differs between worlds, and by how much."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lacoloco.pipelines.sim.physics import WorldParameters
 
 @dataclass(frozen=True)
 class Randomisation:
-    """What differs between worlds (drawn once per world) and how hard the base is pushed."""
+    """What differs between worlds (``LeggedEnv.redraw`` draws it again) and how hard the base is pushed."""
 
     friction: Range = (0.4, 1.5)
     mass_scale: Range = (0.8, 1.2)

@@ -382,6 +382,7 @@ def test_state_dict_goes_on_bit_for_bit(make_env, solo12, motions):
         for _ in range(steps):
             step = env.step(torch.randn(WORLDS, 12, generator=generator))
             env.reset(step.done)
+            env.redraw(step.done)
             seen += [env.observe(), step.reward, *step.violations.values()]
         return seen
 
@@ -395,6 +396,24 @@ def test_state_dict_goes_on_bit_for_bit(make_env, solo12, motions):
     second.load_state_dict(state)
     for ours, theirs in zip(live(second, 15, seed=1), expected, strict=True):
         assert torch.equal(ours, theirs)
+
+
+def test_other_robots_take_over_where_the_others_were(make_env):
+    env = make_env(task=None)
+    env.step(torch.randn(WORLDS, 12))
+    before, parameters = env.physics.state_dict()["rows"].clone(), env.parameters
+    mask = torch.tensor([True, False, True, False])
+    env.redraw(mask)
+    assert torch.equal(env.physics.state_dict()["rows"], before)
+    for name, values in env.parameters.columns().items():
+        changed = (values != parameters.columns()[name]).view(WORLDS, -1).any(dim=1)
+        assert torch.equal(changed, mask), name
+    untouched = make_env(task=None)
+    untouched.load_state_dict(env.state_dict())
+    untouched.redraw(~torch.ones_like(mask))
+    action = torch.zeros(WORLDS, 12)
+    env.step(action), untouched.step(action)
+    assert torch.equal(env.physics.qpos, untouched.physics.qpos)
 
 
 def test_seeds_decide_everything_that_is_random(make_env):
