@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ class Experiment:
         about: one line for a person.
         episodes: at most so many are evaluated; a quickstart does not need the paper's 4096.
         decisions: at most so many train the high level; a quickstart shows that it works, not how well in the end.
+        settings: verb -> fields of its config that are not the preset's.
         start_from: names of published policies; the chain begins with the low level of the first that there is.
     """
 
@@ -41,6 +42,7 @@ class Experiment:
     about: str
     episodes: int = 4096
     decisions: int | None = None
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     start_from: tuple[str, ...] = ()
 
 
@@ -56,6 +58,13 @@ EXPERIMENTS = {
     ),
     "solo12-synthetic": Experiment("solo12", ("generate",), ("generate",), "walking and reaching experts"),
     "solo12-dog": Experiment("solo12", ("retarget", "track"), ("track",), "a dog's motions, as the robot performs them"),
+    "solo12-dog-reach": Experiment(
+        "solo12",
+        ("retarget", "track", "generate"),
+        ("track", "generate"),
+        "a dog's motions, and how to reach from an expert: few recordings of dogs show a raised foot",
+        settings={"generate": {"walk_clips": 0}, "train-low": {"skill_shares": (("dog", 0.6), ("reach", 0.4))}},
+    ),
     "h1-synthetic": Experiment("h1", ("generate",), ("generate",), "the same on the humanoid"),
 }
 
@@ -220,6 +229,7 @@ class _Chain:
 
     def _config(self, module: Any, verb: str) -> Any:
         config = _known(module.PRESETS, self.preset, "preset")()
+        config = replace(config, **self.experiment.settings.get(verb, {}))
         if verb == "train-low":
             discriminator, constrained = METHODS[self.method]
             config = replace(config, cat=constrained, ase=replace(config.ase, discriminator=discriminator))
