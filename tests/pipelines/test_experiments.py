@@ -8,7 +8,7 @@ import pytest
 from lacoloco.datasets import published
 from lacoloco.datasets.artifact import write_artifact
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import experiments
+from lacoloco.pipelines import experiments, generate, train_low
 from lacoloco.pipelines.stage import Silent, StageContext, StageResult
 
 
@@ -112,3 +112,12 @@ def test_experiments_of_the_paper_never_start_from_what_is_published(ran, folder
     write(folder / "solo12-synthetic.h5")
     experiments.run("solo12-synthetic", context, preset="smoke")
     assert "train-low" in verbs(ran)
+
+
+def test_an_experiment_changes_what_the_preset_says(context):
+    experiment = experiments.EXPERIMENTS["solo12-dog-reach"]
+    chain = experiments._Chain(experiment, context, "smoke", "gan", [])
+    generated, low = chain._config(generate, "generate"), chain._config(train_low, "train-low")
+    assert (generated.walk_clips, generated.reach_clips) == (0, generate.smoke().reach_clips)
+    assert dict(low.skill_shares).keys() == {"dog", "reach"}
+    assert low.ase.discriminator == "gan" and low.samples == train_low.smoke().samples
