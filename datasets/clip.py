@@ -176,17 +176,13 @@ class Clip:
         return replace(clip, fps=float(fps), **series.resampled(clip._rows(), self.fps, fps))
 
     def at_pace(self, pace: float) -> Clip:
-        """The same path ``pace`` times as fast, e.g. 0.5 for half as fast: fewer frames per second, slower velocities.
-
-        What the motors were asked for makes sense at the clip's own pace only: it is left out.
+        """The same path ``pace`` times as fast, at other frames per second; without what the motors were asked for.
 
         Raises:
             DatasetError: pace is not positive.
         """
         if not 0 < pace < np.inf:
             raise DatasetError(f"clip '{self.name}': cannot be played at {pace} times its pace")
-        if pace == 1.0:
-            return self
         slowed = {name: pace * getattr(self, name) for name in series.VELOCITIES}
         return replace(self, fps=pace * self.fps, joint_target=None, **slowed)
 

@@ -63,7 +63,7 @@ class TrainLowConfig:
     std: tuple[float, float] = (0.05, 0.05)
     std_between: tuple[float, float] = (0.4, 0.9)
     settle: tuple[float, float, float] = (0.1, 0.6, 1.0)
-    warm_start: int = 1000
+    warm_start: int = 3000
     beginnings: float = 0.2
     head_start: float = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)

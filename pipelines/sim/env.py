@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from lacoloco.datasets.rotations import from_yaw, multiply, rotate
 from lacoloco.pipelines.sim import state as layouts
 from lacoloco.pipelines.sim.commands import TargetCommand, uniform
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS
@@ -23,7 +22,7 @@ from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters
 from lacoloco.pipelines.sim.randomisation import draw_parameters
 from lacoloco.pipelines.sim.rewards import REWARDS
-from lacoloco.pipelines.sim.starts import StandingStarts
+from lacoloco.pipelines.sim.starts import StandingStarts, clip_starts
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
 from lacoloco.pipelines.sim.tasks import Task
 from lacoloco.pipelines.worlds import pick, put, select
@@ -162,11 +161,11 @@ class LeggedEnv:
         worlds = select(mask)
         if not len(worlds):
             return
-        qpos, qvel = self._default_starts(len(worlds))
+        qpos, qvel = self._starts.anywhere(self.task.reset, len(worlds), self.draw)
         if self.motions is not None and self.task.reset.clip_share > 0.0:
             chosen = select(self._uniform(len(worlds)) < pick(self.clip_share, worlds))
             if len(chosen):
-                for target, value in zip((qpos, qvel), self._clip_starts(len(chosen)), strict=True):
+                for target, value in zip((qpos, qvel), clip_starts(self.motions, len(chosen), self.draw), strict=True):
                     put(target, chosen, value)
         self.physics.reset(worlds, qpos, qvel)
         self._read()
@@ -283,31 +282,6 @@ class LeggedEnv:
 
     def _uniform(self, *shape: int) -> torch.Tensor:
         return torch.rand(shape, generator=self.draw, device=self.device)
-
-    def _default_starts(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """(K, 7 + J), (K, 6 + J): standing with the feet on the ground, anywhere, any heading."""
-        start = self.task.reset
-        qpos = torch.zeros(count, 7 + self.num_actions, device=self.device)
-        planar = uniform(((-start.position, start.position),) * 2 + ((-start.heading, start.heading),), count, self.draw)
-        qpos[:, :2], qpos[:, 3:7] = planar[:, :2], from_yaw(planar[:, 2])
-        qpos[:, 7:], qpos[:, 2] = self._starts.draw(count, self.draw)
-        qvel = torch.zeros(count, 6 + self.num_actions, device=self.device)
-        qvel[:, :3] = uniform(((-start.lin_vel, start.lin_vel),) * 3, count, self.draw)
-        qvel[:, 3:6] = uniform(((-start.ang_vel, start.ang_vel),) * 3, count, self.draw)
-        return qpos, qvel
-
-    def _clip_starts(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """(K, 7 + J), (K, 6 + J): a random moment of a random clip, heading re-drawn, velocities turned with it."""
-        clips, times = self.motions.sample(count, generator=self.draw)
-        frames = self.motions.frames(clips, times)
-        heading = from_yaw(uniform(((-torch.pi, torch.pi),), count, self.draw)[:, 0])
-        quat = multiply(heading, frames.root_quat)
-        position = torch.zeros(count, 3, device=self.device)
-        position[:, 2] = frames.root_pos[:, 2]
-        qpos = torch.cat((position, quat, frames.joint_pos), dim=-1)
-        linear = rotate(quat, frames.root_lin_vel_b)
-        qvel = torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=-1)
-        return qpos, qvel
 
 
 _STATE = ("steps", "action", "command", "_resample_at", "_push_at")

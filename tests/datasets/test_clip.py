@@ -154,3 +154,15 @@ def test_what_the_motors_were_asked_for_is_kept_at_its_own_rate(make_clip, tmp_p
     assert read.resample(2.0 * clip.fps).joint_target is None
     with pytest.raises(DatasetError, match="joint_target has shape"):
         replace(clip, joint_target=asked[1:]).validate()
+
+
+def test_at_half_the_pace_the_same_path_takes_twice_as_long(make_clip):
+    clip = make_clip()
+    slow = clip.at_pace(0.5)
+    assert slow.duration == pytest.approx(2.0 * clip.duration)
+    assert np.array_equal(slow.root_pos, clip.root_pos) and np.array_equal(slow.joint_pos, clip.joint_pos)
+    for name in ("root_lin_vel_b", "root_ang_vel_b", "joint_vel"):
+        assert np.allclose(getattr(slow, name), 0.5 * getattr(clip, name))
+    assert slow.joint_target is None
+    with pytest.raises(DatasetError, match="pace"):
+        clip.at_pace(0.0)
