@@ -30,7 +30,7 @@ class TrainHighConfig:
             only what is left of it teaches how to touch.
         clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
             evaluation, a policy that answers standing with a latent that stands is caught for good.
-        randomisation: factor on the spread of masses, centres of mass and pushes; evaluation is at 1.
+        randomisation: factor on the spread of masses, centres of mass, friction and pushes; evaluation is at 1.
         second_chances: share of falls after which the world is put back to shortly before, again and again.
     """
 

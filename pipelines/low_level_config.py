@@ -24,7 +24,7 @@ class TrainLowConfig:
         rehearsal: share of the worlds that live as they will under a high level: ``low_level.REHEARSAL_S`` from a standing start, with
             latents that wander, slowly in some worlds and fast in others.
         rehearsal_from: share of the training after which they do. A beginner that falls at every change learns to stand.
-        randomisation: factor on the spread of masses and centres of mass; evaluation is at 1.
+        randomisation: factor on the spread of masses, centres of mass and friction; evaluation is at 1.
         fall_tilt: tilt of the base that is a fall already [rad].
         second_chances: share of falls after which the world is put back to shortly before, again and again.
         push: how hard the robot is pushed, where it is at all [m/s, rad/s]; evaluation pushes with 0.25.

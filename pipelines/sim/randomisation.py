@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -26,14 +27,18 @@ NO_RANDOMISATION = Randomisation((1.0, 1.0), (1.0, 1.0), (1.0, 1.0), 0.0, 0.0)
 
 
 def widened(randomisation: Randomisation, factor: float) -> Randomisation:
-    """The same with masses, inertias, centre of mass and pushes spread ``factor`` times as far; friction stays.
+    """The same with masses, inertias, centre of mass and pushes spread ``factor`` times as far, friction as a ratio.
 
-    A policy trained a little beyond what it will meet has met the edge of that more than once in a thousand falls.
+    A policy trained a little beyond what it will meet has met the edge of that more than once in a thousand falls: a heavy
+    robot on a floor that does not let its feet slip, above all.
     """
     scales = (randomisation.mass_scale, randomisation.inertia_scale)
     around = [(1.0 + factor * (low - 1.0), 1.0 + factor * (high - 1.0)) for low, high in scales]
+    low, high = randomisation.friction
+    middle, ratio = math.sqrt(low * high), math.sqrt(high / low) ** factor
     return replace(
         randomisation,
+        friction=(middle / ratio, middle * ratio),
         mass_scale=around[0],
         inertia_scale=around[1],
         base_com=factor * randomisation.base_com,

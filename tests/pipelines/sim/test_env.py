@@ -1,5 +1,6 @@
 """One environment: observations, time, falls, pushes, commands; every step as it was before a reset."""
 
+import math
 from dataclasses import replace
 
 import mujoco
@@ -368,7 +369,8 @@ def test_a_widened_randomisation_spreads_further_around_the_same_middle(factor):
     assert wide.mass_scale == pytest.approx((1.0 - 0.2 * factor, 1.0 + 0.2 * factor))
     assert wide.inertia_scale == pytest.approx((1.0 - 0.1 * factor, 1.0 + 0.1 * factor))
     assert (wide.base_com, wide.push) == pytest.approx((0.02 * factor, 0.1 * factor))
-    assert wide.friction == (0.4, 1.5)
+    assert math.prod(wide.friction) == pytest.approx(0.4 * 1.5)
+    assert wide.friction[1] / wide.friction[0] == pytest.approx((1.5 / 0.4) ** factor)
     assert widened(NO_RANDOMISATION, factor) == NO_RANDOMISATION
 
 
