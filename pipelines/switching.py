@@ -27,7 +27,8 @@ from lacoloco.robots.registry import load_robot
 STAGE = "switching"
 SCHEMA = "lacoloco/switching"
 PICTURE = "switching.png"
-FIRST, LAST = "walk", "reach"
+LAST = "reach"
+"""The skill to end with; an episode begins with any other, to walk as an expert or as a dog does."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,13 @@ class Switching:
 
     @property
     def walks_first(self) -> np.ndarray:
-        """(E,) bool: the first second is nearest to walking clips."""
-        return self._mostly(FIRST, slice(None, round(self.fps)))
+        """(E,) bool: the first second is nearest to other clips than reaching ones."""
+        return self._reaching(slice(None, round(self.fps))) < 0.5
 
     @property
     def reaches_last(self) -> np.ndarray:
         """(E,) bool: the last second is nearest to reaching clips."""
-        return self._mostly(LAST, slice(-round(self.fps), None))
+        return self._reaching(slice(-round(self.fps), None)) > 0.5
 
     @property
     def switches(self) -> np.ndarray:
@@ -104,8 +105,9 @@ class Switching:
             "final_error_m": float(self.error[:, -1].mean()),
         }
 
-    def _mostly(self, skill: str, steps: slice) -> np.ndarray:
-        return (self.nearest[:, steps] == self.skills.index(skill)).mean(axis=1) > 0.5
+    def _reaching(self, steps: slice) -> np.ndarray:
+        """(E,) share of these steps that are nearest to reaching clips."""
+        return (self.nearest[:, steps] == self.skills.index(LAST)).mean(axis=1)
 
 
 def run(
@@ -123,7 +125,7 @@ def run(
         The artifact; metrics of :meth:`Switching.figures`, and ``picture``.
 
     Raises:
-        StageError: the motions are not to be found, or have no walking or no reaching clips.
+        StageError: the motions are not to be found, or have no reaching clips, or no others.
         ArtifactError: an input is missing or damaged.
     """
     from lacoloco.pipelines.plots.switching import draw_switching
@@ -132,9 +134,8 @@ def run(
         raise StageError(f"shown: there are only episodes 0 to {config.episodes - 1}")
     motions = list(motions) or motions_of(policy)
     nearest = NearestClip([clip for path in motions for clip in load_clips(path)])
-    for skill in (FIRST, LAST):
-        if skill not in nearest.skills:
-            raise StageError(f"{motions[0]}: no clips of the skill '{skill}'; name other motions with --motions")
+    if LAST not in nearest.skills or len(nearest.skills) < 2:
+        raise StageError(f"{motions[0]}: no clips of '{LAST}' and of another skill; name other motions with --motions")
     played = record_reach(policy, seconds=config.seconds, episodes=config.episodes, seed=context.seed)
     found = compare(played, nearest)
     shown = config.shown if config.shown >= 0 else found.typical()
