@@ -189,7 +189,7 @@ class LeggedEnv:
     def redraw(self, mask: torch.Tensor) -> None:
         """Put other robots on other floors into the worlds of ``mask`` (N,) bool, where they are and as they move.
 
-        Costs a third of a step for any number of them: for whoever began anew since the last call, now and then.
+        Costs four tenths of a step for any number of them: for whoever began anew since the last call, now and then.
         """
         others = draw_parameters(self.task.randomisation, self.num_worlds, self.draw)
         self.parameters = self.parameters.replaced(mask, others)
