@@ -96,6 +96,12 @@ def retarget(
     mirror: Annotated[
         bool | None, typer.Option("--mirror", help="Retarget the mirror image.", show_default=False)
     ] = None,
+    bend: Annotated[
+        float | None,
+        typer.Option(
+            "--bend", metavar="1/M", help="Bend the animal's course to the left; negative: right."
+        ),
+    ] = None,
     scale: Scale = None,
     up_axis: Annotated[
         str | None,
@@ -128,7 +134,7 @@ def retarget(
         raise UserError(f"--mode {mode}: use {' or '.join(MODES)}")
     given = {"mode": mode, "scale": scale, "up_axis": up_axis, "unit": unit, "licence": licence}
     given |= {"trim": trim, "fps": fps, "select": select, "map": map}
-    given |= {"mirror": mirror, "swap_sides": swap_sides}
+    given |= {"mirror": mirror, "bend": bend, "swap_sides": swap_sides}
     given = {key: value for key, value in given.items() if value is not None}
     config = replace(session.config(stage.PRESETS), **given)
     result = stage.run(

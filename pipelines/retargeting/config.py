@@ -35,6 +35,7 @@ class RetargetConfig:
         select: Name or file of a selection, which says which files are used and which part of each.
         fps: Frames per second of the clips; 0: those of each file.
         mirror: Retarget the mirror image.
+        bend: 1/m of the animal by which its course is bent to the left, after mirroring.
         swap_sides: Left and right are exchanged in the files.
         skill: Skill of the clips.
         licence: Licence of the files; that of the bundled sample is known.
@@ -52,6 +53,7 @@ class RetargetConfig:
     select: str = ""
     fps: float = 0.0
     mirror: bool = False
+    bend: float = 0.0
     swap_sides: bool = False
     skill: str = "dog"
     licence: str = ""
@@ -70,6 +72,8 @@ class RetargetConfig:
             raise StageError(f"--fps {self.fps}: give frames per second, or 0 for the file's")
         if not 0 <= self.unit < float("inf"):
             raise StageError(f"--unit {self.unit}: give the metres per unit of the files, e.g. 0.01")
+        if not abs(self.bend) < float("inf"):
+            raise StageError(f"--bend {self.bend}: give a curvature in 1/m, e.g. 1.5")
         self.reading(shipped_maps()[0])
 
     def reading(self, skeleton: SkeletonMap, trim: str = "") -> Reading:
@@ -88,6 +92,7 @@ class RetargetConfig:
             trim=self.trim or trim,
             fps=self.fps,
             mirror=self.mirror,
+            bend=self.bend,
             swap_sides=self.swap_sides,
         )
 

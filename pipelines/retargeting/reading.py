@@ -1,4 +1,4 @@
-"""From a file to the motion that is retargeted: axes, units, part, rate, and mirror image."""
+"""From a file to the motion that is retargeted: axes, units, part, rate, mirror image, and course."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lacoloco.datasets.mocap import Mocap, UpAxis, read_bvh
+from lacoloco.pipelines.retargeting.bending import bent
 from lacoloco.pipelines.retargeting.trim import trimmed
 
 
@@ -21,6 +22,8 @@ class Reading:
     fps: float = 0.0
     """Frames per second of the clip; 0 for those of the file."""
     mirror: bool = False
+    bend: float = 0.0
+    """1/m by which the course is bent to the left, after mirroring."""
     swap_sides: bool = False
     """Left and right are exchanged in the file."""
     pairs: tuple[tuple[str, str], ...] = ()
@@ -39,7 +42,7 @@ class Reading:
         """Take the motion out of a recording in the axes and units of its file.
 
         Raises:
-            DatasetError: Nothing is left of it, or an impossible axis, unit or rate.
+            DatasetError: Nothing is left of it, or an impossible axis, unit, rate or bend.
             StageError: The trim is none.
         """
         mocap = trimmed(raw.placed(self.up_axis, self.unit), self.trim)
@@ -47,6 +50,7 @@ class Reading:
             mocap = replace(mocap, positions=mocap.mirrored(self.pairs).positions * [1, -1, 1])
         if self.mirror:
             mocap = mocap.mirrored(self.pairs)
+        mocap = bent(mocap, self.bend)
         return mocap.resampled(self.fps) if self.fps else mocap
 
 
