@@ -104,9 +104,14 @@ def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path
 
 
 def show(answer: Mapping[str, Any]) -> None:
-    """Print a row per policy, then mean and spread over seeds, then the best."""
+    """Print a row per policy, where its failures crowd, then mean and spread over seeds, then the best."""
+    from lacoloco.pipelines.conditions import describe
+
     rows = answer["rows"]
     console.print_table(list(COLUMNS.values()), [[row[key] for key in COLUMNS] for row in rows])
+    for row in rows:
+        for crowd in row["crowds"]:
+            typer.echo(f"{row['method']} seed {row['seed']}, {describe(crowd)}")
     for method, figures in answer["summary"].items():
         if figures["seeds"] > 1:
             typer.echo(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
 
+from lacoloco.pipelines.conditions import Crowd, conditions, crowds
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -24,6 +25,8 @@ FIGURES = (
     "falls_pct",
     "missed_pct",
 )
+OUTCOMES = ("error", "fell", "above_limit", "substeps")
+"""Fields of :class:`Episodes` that are counted while they are played."""
 MISSED = 0.3
 """Metres from the target beyond which an episode that did not fall has missed it."""
 
@@ -37,12 +40,28 @@ class Episodes:
         fell: (E,) bool.
         above_limit: (E, F) substeps in which a foot's contact force exceeded the limit.
         substeps: (E,) substeps lived through.
+        conditions: what differed between them, (E,) each; see :func:`lacoloco.pipelines.conditions.conditions`.
     """
 
     error: np.ndarray
     fell: np.ndarray
     above_limit: np.ndarray
     substeps: np.ndarray
+    conditions: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def missed(self) -> np.ndarray:
+        """(E,) bool, ended without a fall further than ``MISSED`` from the target."""
+        return ~self.fell & (self.error > MISSED)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All of it by name, the conditions behind a slash."""
+        outcomes = {name: getattr(self, name) for name in OUTCOMES}
+        return outcomes | {f"conditions/{name}": values for name, values in self.conditions.items()}
+
+    def crowds(self) -> list[Crowd]:
+        """Where falls and misses crowd."""
+        return crowds({"falls": self.fell, "missed": self.missed}, self.conditions)
 
     def figures(self) -> dict[str, float]:
         """Table I's columns, and the two that its mean hides.
@@ -57,7 +76,7 @@ class Episodes:
             np.median(self.error),
             100.0 * self.above_limit.sum() / max(self.substeps.sum() * feet, 1.0),
             100.0 * self.fell.mean(),
-            100.0 * (~self.fell & (self.error > MISSED)).mean(),
+            100.0 * self.missed.mean(),
         )
         return dict(zip(FIGURES, map(float, values), strict=True))
 
@@ -82,8 +101,18 @@ def play_episodes(
     for chunk in range(-(-episodes // worlds)):
         parts.append(_play(spec, policies, worlds, seed + chunk, device))
         progress.advance(min((chunk + 1) * worlds, episodes))
-    names = asdict(parts[0])
-    return Episodes(**{name: np.concatenate([getattr(part, name) for part in parts])[:episodes] for name in names})
+    return _joined(parts, episodes)
+
+
+def _joined(parts: list[Episodes], episodes: int) -> Episodes:
+    """The first ``episodes`` of them."""
+
+    def join(arrays: Iterable[np.ndarray]) -> np.ndarray:
+        return np.concatenate(list(arrays))[:episodes]
+
+    outcomes = (join(getattr(part, name) for part in parts) for name in OUTCOMES)
+    given = {name: join(part.conditions[name] for part in parts) for name in parts[0].conditions}
+    return Episodes(*outcomes, given)
 
 
 def _play(spec: RobotSpec, policies: Mapping[str, Policy], worlds: int, seed: int, device: str) -> Episodes:
@@ -91,6 +120,7 @@ def _play(spec: RobotSpec, policies: Mapping[str, Policy], worlds: int, seed: in
     base = LeggedEnv(spec, task, worlds, seed=seed, device=device)
     env = LatentSteeredEnv(base, policies["low"], policies["low"].head.sizes["latent"])
     draw = torch.Generator().manual_seed(seed)
+    given = {name: values.cpu().numpy().copy() for name, values in conditions(base).items()}
     alive = torch.ones(worlds, dtype=torch.bool, device=env.device)
     fell, error = torch.zeros_like(alive), torch.zeros(worlds, device=env.device)
     above = torch.zeros(worlds, len(spec.feet), device=env.device)
@@ -106,4 +136,4 @@ def _play(spec: RobotSpec, policies: Mapping[str, Policy], worlds: int, seed: in
         lived += decision.substeps * alive
         fell |= decision.fell & alive
         alive &= ~decision.done
-    return Episodes(*(tensor.cpu().numpy() for tensor in (error, fell, above, lived)))
+    return Episodes(*(tensor.cpu().numpy() for tensor in (error, fell, above, lived)), given)

@@ -58,7 +58,7 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
         reported = play_episodes(spec, loaded, config.episodes, seed=TEST_SEED, progress=context.progress, **shared)
         chosen = play_episodes(spec, loaded, config.selection_episodes, seed=SELECTION_SEED, **shared)
         rows.append(_row(artifact, path, config, reported, chosen))
-        arrays |= {f"{index}/{name}": value for name, value in asdict(reported).items()}
+        arrays |= {f"{index}/{name}": value for name, value in reported.arrays().items()}
         context.progress.stop()
     best = min(rows, key=lambda row: row["selection_error_m"])
     metadata = {"rows": rows, "best": best, "summary": summary(rows)}
@@ -94,6 +94,7 @@ def _row(artifact: Artifact, path: Path, config: EvalConfig, reported: Episodes,
         "seed": artifact.seed,
         "episodes": config.episodes,
         **reported.figures(),
+        "crowds": reported.crowds(),
         "selection_error_m": chosen.figures()["ee_error_mean_m"],
         "policy": str(path),
     }

@@ -88,6 +88,8 @@ def test_episodes_are_those_of_their_seed_however_many_worlds(solo12, policies, 
     other = play_episodes(solo12, policies, 6, worlds=4, seed=9)
     assert first.error.shape == (6,)
     assert first.above_limit.shape == (6, 4)
+    assert {values.shape for values in first.conditions.values()} == {(6,)}
+    assert len(set(first.conditions["friction"].tolist())) == 6
     assert np.array_equal(first.error, again.error)
     assert not np.array_equal(first.error, other.error)
     assert len(set(first.error.tolist())) == 6, "no episode is played twice"

@@ -43,6 +43,7 @@ def two_seeds(monkeypatch, tmp_path):
             np.zeros(episodes, dtype=bool),
             np.zeros((episodes, 4)),
             np.full(episodes, 2000.0),
+            {"friction": np.linspace(0.4, 1.5, episodes)},
         )
 
     monkeypatch.setattr(evaluate, "load_policies", load)
@@ -76,6 +77,7 @@ def test_the_artifact_holds_every_episode_and_its_policies(context, two_seeds):
     result = evaluate.run(evaluate.EvalConfig(5, 2, 4), context, policies=two_seeds[0])
     artifact = read_artifact(result.artifact, "lacoloco/evaluation", robot="solo12")
     assert artifact.arrays["1/error"].tolist() == pytest.approx([0.3] * 5)
+    assert artifact.arrays["1/conditions/friction"].tolist() == pytest.approx([0.4, 0.675, 0.95, 1.225, 1.5])
     assert artifact.metadata["rows"] == result.metrics["rows"]
     assert len(artifact.parents) == 2
 
