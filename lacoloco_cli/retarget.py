@@ -102,6 +102,14 @@ def retarget(
             "--bend", metavar="1/M", help="Bend the animal's course to the left; negative: right."
         ),
     ] = None,
+    augment: Annotated[
+        bool | None,
+        typer.Option(
+            "--augment",
+            help="Six clips per file: also its mirror image, and both on bent courses.",
+            show_default=False,
+        ),
+    ] = None,
     scale: Scale = None,
     up_axis: Annotated[
         str | None,
@@ -134,7 +142,7 @@ def retarget(
         raise UserError(f"--mode {mode}: use {' or '.join(MODES)}")
     given = {"mode": mode, "scale": scale, "up_axis": up_axis, "unit": unit, "licence": licence}
     given |= {"trim": trim, "fps": fps, "select": select, "map": map}
-    given |= {"mirror": mirror, "bend": bend, "swap_sides": swap_sides}
+    given |= {"mirror": mirror, "bend": bend, "augment": augment, "swap_sides": swap_sides}
     given = {key: value for key, value in given.items() if value is not None}
     config = replace(session.config(stage.PRESETS), **given)
     result = stage.run(

@@ -1,15 +1,15 @@
 """Stage retarget: motion capture (.bvh) -> clips of the robot.
 
-Each file becomes one clip. A file that cannot be used is reported and left out; what the solver
-cannot solve is replaced by the next best, counted and reported. Clips that the run has already are
-taken over.
+Each file becomes one clip, or one in each of several variants. A file that cannot be used is
+reported and left out; what the solver cannot solve is replaced by the next best, counted and
+reported. Clips that the run has already are taken over.
 """
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +120,15 @@ def _tasks(
     config: RetargetConfig, sources: Sequence[str | Path]
 ) -> tuple[list[Task], list[str]]:
     """What is to be done, and the names that a selection misses."""
-    paths = find_recordings(sources or [DOG_BVH])
+    files, absent = _files(config, find_recordings(sources or [DOG_BVH]))
+    return [
+        replace(task, name=task.name + suffix, mirror=mirror, bend=bend)
+        for suffix, mirror, bend in config.variants()
+        for task in files
+    ], absent
+
+
+def _files(config: RetargetConfig, paths: list[Path]) -> tuple[list[Task], list[str]]:
     if not config.select:
         names = clip_names(paths)
         return [Task(path, name) for path, name in zip(paths, names, strict=True)], []

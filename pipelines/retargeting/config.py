@@ -36,6 +36,9 @@ class RetargetConfig:
         fps: Frames per second of the clips; 0: those of each file.
         mirror: Retarget the mirror image.
         bend: 1/m of the animal by which its course is bent to the left, after mirroring.
+        augment: Each file gives six clips: itself, its mirror image, and both on courses bent to
+            either side by `augment_bends`: animals turn little where they are recorded.
+        augment_bends: 1/m; the mirror image is bent by their opposites.
         swap_sides: Left and right are exchanged in the files.
         skill: Skill of the clips.
         licence: Licence of the files; that of the bundled sample is known.
@@ -54,6 +57,8 @@ class RetargetConfig:
     fps: float = 0.0
     mirror: bool = False
     bend: float = 0.0
+    augment: bool = False
+    augment_bends: tuple[float, ...] = (1.5, -1.0)
     swap_sides: bool = False
     skill: str = "dog"
     licence: str = ""
@@ -72,8 +77,9 @@ class RetargetConfig:
             raise StageError(f"--fps {self.fps}: give frames per second, or 0 for the file's")
         if not 0 <= self.unit < float("inf"):
             raise StageError(f"--unit {self.unit}: give the metres per unit of the files, e.g. 0.01")
-        if not abs(self.bend) < float("inf"):
-            raise StageError(f"--bend {self.bend}: give a curvature in 1/m, e.g. 1.5")
+        for bend in (self.bend, *self.augment_bends):
+            if not abs(bend) < float("inf"):
+                raise StageError(f"--bend {bend}: give a curvature in 1/m, e.g. 1.5")
         self.reading(shipped_maps()[0])
 
     def reading(self, skeleton: SkeletonMap, trim: str = "") -> Reading:
@@ -96,6 +102,17 @@ class RetargetConfig:
             swap_sides=self.swap_sides,
         )
 
+    def variants(self) -> tuple[tuple[str, bool, float], ...]:
+        """How each file is used: what is added to its name, whether mirrored, and how far bent."""
+        if not self.augment:
+            return (("", False, 0.0),)
+        bent = [
+            (f"{side}_bend{sign * bend:+g}", mirror, sign * bend)
+            for bend in self.augment_bends
+            for side, mirror, sign in (("", False, 1), ("_mirror", True, -1))
+        ]
+        return (("", False, 0.0), ("_mirror", True, 0.0), *bent)
+
     def maps(self) -> tuple[SkeletonMap, ...]:
         """The maps to choose from.
 
@@ -106,4 +123,4 @@ class RetargetConfig:
 
     def key(self) -> RetargetConfig:
         """What of it changes a clip, once its part of the file and the maps are known."""
-        return replace(self, trim="", select="", map="")
+        return replace(self, trim="", select="", map="", augment=False, augment_bends=())

@@ -28,11 +28,13 @@ SAMPLE_LICENCE = "BSD-3-Clause"
 
 @dataclass(frozen=True)
 class Task:
-    """A file, the name of its clip, and which part of it."""
+    """A file, the name of its clip, which part of it, and in what variant."""
 
     path: Path
     name: str
     trim: str = ""
+    mirror: bool = False
+    bend: float = 0.0
 
 
 class Worker:
@@ -58,6 +60,7 @@ class Worker:
             "file": hash_file(task.path),
             "name": task.name,
             "trim": self._config.trim or task.trim,
+            "variant": (task.mirror, task.bend),
             "config": asdict(self._config.key()),
             "maps": [asdict(skeleton) for skeleton in self._maps],
             "robot": (self._spec.name, self._spec.model_hash()),
@@ -81,7 +84,9 @@ class Worker:
             )
         retargeter = self._retargeters[skeleton.name]
         pairs = limb_pairs(retargeter.map.limbs(raw), side_partners(retargeter.legs))
-        reading = replace(self._config.reading(skeleton, task.trim), pairs=pairs)
+        plain = self._config.reading(skeleton, task.trim)
+        mirror, bend = plain.mirror != task.mirror, plain.bend + task.bend
+        reading = replace(plain, pairs=pairs, mirror=mirror, bend=bend)
         mocap = reading.apply(raw)
         warnings = check_recording(
             mocap, retargeter.map, retargeter.legs, reading, str(task.path)

@@ -308,6 +308,19 @@ def test_part_rate_and_mirror_image(context, short_dog):
     np.testing.assert_allclose(left * [-1, 1, 1], right, atol=0.02)
 
 
+def test_every_file_in_six_variants(context, short_dog):
+    """Mirror images, and both on bent courses; each is what its own options give, and is kept when asked for again."""
+    path = short_dog(slice(0, 60))
+    config = replace(QUICK, augment=True, augment_bends=(0.8, -0.5))
+    result = retarget.run(config, context, sources=[path])
+    clips = {clip.name.removeprefix(path.stem): clip for clip in load_clips(result.artifact)}
+    assert list(clips) == ["", "_mirror", "_bend+0.8", "_mirror_bend-0.8", "_bend-0.5", "_mirror_bend+0.5"]
+    alone = retarget.run(replace(QUICK, mirror=True, bend=-0.8), context, sources=[path], again=True)
+    np.testing.assert_array_equal(clips["_mirror_bend-0.8"].root_pos, load_clips(alone.artifact)[0].root_pos)
+    readings = [figures["reading"] for figures in result.metrics["clips"]]
+    assert [(one["mirror"], one["bend"]) for one in readings[1:4]] == [(True, 0), (False, 0.8), (True, -0.8)]
+
+
 def test_another_skeleton_needs_a_map_and_then_gives_the_same(context, short_dog, tmp_path):
     path = short_dog()
     plain = retarget.run(QUICK, context, sources=[path])
@@ -343,6 +356,7 @@ def test_warnings_are_kept_with_the_clip(context, short_dog):
         ({"fps": -1.0}, "--fps"),
         ({"unit": -1.0}, "--unit"),
         ({"bend": float("nan")}, "--bend"),
+        ({"augment_bends": (float("inf"),)}, "--bend"),
         ({"up_axis": "w"}, "--up-axis w"),
         ({"select": "paper-dogs", "trim": "0:5"}, "--trim: a selection"),
         ({"map": "gone.toml"}, "gone.toml"),
