@@ -94,6 +94,7 @@ class HighTrainer:
             decision = env.step(project(algorithm.act(obs)))
             next_obs = self._observe()
             reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
+            reward -= (config.force_price or 0.0) * decision.violation
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
             # Only whole episodes are counted: a fall, but not what comes of its retries.
             whole = decision.done & ~self.retries.returned

@@ -11,7 +11,7 @@ from lacoloco.pipelines.diagnosis import high_level_warnings
 from lacoloco.pipelines.episodes import play_episodes
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.high_level import HighTrainer
-from lacoloco.pipelines.high_level_config import TrainHighConfig
+from lacoloco.pipelines.high_level_config import PRICE, TrainHighConfig
 from lacoloco.pipelines.hindsight import HindsightConfig
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.networks import NetworkConfig
@@ -65,10 +65,11 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     Raises:
         ArtifactError: ``low`` is missing, damaged, or holds no low level.
     """
-    mine = shared(config)
     artifact, policies = load_policies(low, "low", device=context.device)
     spec = load_robot(artifact.robot)
     method = artifact.metadata["method"]
+    config = priced(config, method)
+    mine = shared(config)
     directory = begin(context, "train-high", method)
     seed = parallel.own_seed(context.seed)
     trainer = HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
@@ -102,6 +103,13 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     )
     remove_checkpoints(directory.path)
     return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+
+
+def priced(config: TrainHighConfig, method: str) -> TrainHighConfig:
+    """The config with a price of contact forces: its own, or what suits a low level trained by ``method``."""
+    if config.force_price is not None:
+        return config
+    return replace(config, force_price=PRICE if method.endswith("-cat") else 0.0)
 
 
 def shared(config: TrainHighConfig) -> TrainHighConfig:

@@ -40,6 +40,11 @@ class Decision:
         """(N,) bool, worlds to reset."""
         return self.fell | self.timed_out
 
+    @property
+    def violation(self) -> torch.Tensor:
+        """(N,) share of the foot-substeps lived through with a contact force above the limit."""
+        return self.above_limit.mean(dim=1) / self.substeps.clamp(min=1.0)
+
 
 class LatentSteeredEnv:
     """A reach environment driven through a frozen low level; ``low(obs (N, P), z (N, d)) -> actions (N, J)``."""

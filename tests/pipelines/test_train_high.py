@@ -6,12 +6,13 @@ import pytest
 import torch
 
 from lacoloco.pipelines.high_level import HighTrainer
+from lacoloco.pipelines.high_level_config import PRICE
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
 from lacoloco.pipelines.sim.tasks import reach_task
-from lacoloco.pipelines.train_high import smoke
+from lacoloco.pipelines.train_high import priced, smoke
 
 
 @pytest.fixture
@@ -89,6 +90,31 @@ def test_rewards_are_means_over_the_five_steps_times_the_scale(make_trainer, mon
     alive = ~trainer.algorithm.done[0]
     found = trainer.algorithm.storage.rewards[0, :, 0]
     assert torch.allclose(found[alive], first[alive], atol=1e-6)
+
+
+def test_contact_forces_above_the_limit_have_their_price(make_trainer):
+    """A quarter of all foot-substeps above it costs a quarter of the price, whatever the reward is."""
+    rewards = []
+    for price in (None, 8.0):
+        trainer = make_trainer(horizon=2, force_price=price)
+        step = trainer.env.step
+
+        def violating(z, step=step):
+            decision = step(z)
+            above = torch.zeros_like(decision.above_limit)
+            above[:, 1] = decision.substeps
+            return replace(decision, above_limit=above)
+
+        trainer.env.step = violating
+        trainer.iterate(0.0)
+        rewards.append(trainer.algorithm.storage.rewards.clone())
+    torch.testing.assert_close(rewards[0] - rewards[1], torch.full_like(rewards[0], 2.0))
+
+
+def test_the_price_is_for_low_levels_that_were_constrained():
+    assert priced(smoke(), "drail-cat").force_price == PRICE
+    assert priced(smoke(), "drail").force_price == 0.0
+    assert priced(replace(smoke(), force_price=3.0), "gan").force_price == 3.0
 
 
 def test_time_outs_fall_on_the_end_of_a_decision(make_trainer):
