@@ -13,7 +13,8 @@ from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS, LatentSteeredEnv
-from lacoloco.pipelines.sim.tasks import reach_task
+from lacoloco.pipelines.sim.randomisation import Randomisation
+from lacoloco.pipelines.sim.tasks import Task, reach_task
 from lacoloco.pipelines.stage import SILENT, Progress
 from lacoloco.robots.spec import RobotSpec
 
@@ -89,17 +90,20 @@ def play_episodes(
     worlds: int,
     seed: int,
     device: str = "cpu",
+    randomisation: Randomisation | None = None,
     progress: Progress = SILENT,
 ) -> Episodes:
     """Play ``episodes`` episodes, each in a world with its own randomisation, motors as strong as they are, noise off.
 
     Pushes and randomisation stay on, as in the original's evaluation (facts 2.2). Without a policy ``high`` every decision
-    is a random latent, which is what an untrained high level amounts to.
+    is a random latent, which is what an untrained high level amounts to. ``randomisation`` takes the place of the task's.
     """
     worlds = min(worlds, episodes)
+    task = replace(reach_task(spec), noise=0.0, training_limits=False)
+    task = replace(task, randomisation=randomisation or task.randomisation)
     parts = []
     for chunk in range(-(-episodes // worlds)):
-        parts.append(_play(spec, policies, worlds, seed + chunk, device))
+        parts.append(_play(spec, task, policies, worlds, seed + chunk, device))
         progress.advance(min((chunk + 1) * worlds, episodes))
     return _joined(parts, episodes)
 
@@ -115,8 +119,9 @@ def _joined(parts: list[Episodes], episodes: int) -> Episodes:
     return Episodes(*outcomes, given)
 
 
-def _play(spec: RobotSpec, policies: Mapping[str, Policy], worlds: int, seed: int, device: str) -> Episodes:
-    task = replace(reach_task(spec), noise=0.0, training_limits=False)
+def _play(
+    spec: RobotSpec, task: Task, policies: Mapping[str, Policy], worlds: int, seed: int, device: str
+) -> Episodes:
     base = LeggedEnv(spec, task, worlds, seed=seed, device=device)
     env = LatentSteeredEnv(base, policies["low"], policies["low"].head.sizes["latent"])
     draw = torch.Generator().manual_seed(seed)

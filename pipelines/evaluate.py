@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,11 @@ import numpy as np
 
 from lacoloco.datasets.artifact import Artifact, write_artifact
 from lacoloco.pipelines.episodes import FIGURES, Episodes, play_episodes
+from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.sim.commands import Range
+from lacoloco.pipelines.sim.randomisation import Randomisation
+from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot
 
@@ -27,11 +31,31 @@ class EvalConfig:
         episodes: reported episodes per policy (paper: 4096).
         selection_episodes: further ones, to choose the best of several seeds.
         worlds: how many run at once.
+        friction: range of the friction instead of the task's; both ends equal for one value.
+        mass_scale: the same of the factor on all masses.
     """
 
     episodes: int = 4096
     selection_episodes: int = 1024
     worlds: int = 1024
+    friction: Range | None = None
+    mass_scale: Range | None = None
+
+    def check(self) -> None:
+        """Refuse ranges that are none.
+
+        Raises:
+            StageError: the message names the field.
+        """
+        for name in ("friction", "mass_scale"):
+            given = getattr(self, name)
+            if given is not None and not 0.0 < given[0] <= given[1] < float("inf"):
+                raise StageError(f"--set {name}={given}: use two positive numbers, the lower one first")
+
+    def randomisation(self, usual: Randomisation) -> Randomisation:
+        """The task's, with the ranges given here."""
+        given = {"friction": self.friction, "mass_scale": self.mass_scale}
+        return replace(usual, **{name: value for name, value in given.items() if value is not None})
 
 
 PRESETS: dict[str, Callable[[], EvalConfig]] = {
@@ -47,14 +71,17 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
 
     Raises:
         ArtifactError: an input is missing, damaged, or holds no high level.
+        StageError: a range that is none.
     """
+    config.check()
     directory = context.store.begin(context.run, "eval")
     rows, arrays = [], {}
     for index, path in enumerate(policies):
         artifact, loaded = load_policies(path, "low", "high", device=context.device)
         spec = load_robot(artifact.robot)
         context.progress.start(f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes)
-        shared = {"worlds": config.worlds, "device": context.device}
+        randomisation = config.randomisation(reach_task(spec).randomisation)
+        shared = {"worlds": config.worlds, "device": context.device, "randomisation": randomisation}
         reported = play_episodes(spec, loaded, config.episodes, seed=TEST_SEED, progress=context.progress, **shared)
         chosen = play_episodes(spec, loaded, config.selection_episodes, seed=SELECTION_SEED, **shared)
         rows.append(_row(artifact, path, config, reported, chosen))

@@ -119,6 +119,14 @@ def test_evaluation_is_without_noise_and_with_the_motors_as_they_are(
     assert seen[0].randomisation == reach_task(solo12).randomisation, "pushes included"
 
 
+def test_robots_and_floors_of_one_s_own(solo12, policies, short):
+    usual = reach_task(solo12).randomisation
+    heavy = replace(usual, friction=(1.45, 1.45), mass_scale=(1.2, 1.2))
+    played = play_episodes(solo12, policies, 3, worlds=3, seed=0, randomisation=heavy)
+    assert played.conditions["friction"].tolist() == pytest.approx([1.45] * 3)
+    assert played.conditions["mass_scale"].tolist() == pytest.approx([1.2] * 3)
+
+
 def test_without_a_high_level_latents_are_random(solo12, policies, short):
     alone = {"low": policies["low"]}
     played = play_episodes(solo12, alone, 3, worlds=3, seed=0)

@@ -1,5 +1,6 @@
 """Table I: rows, summary, and the best seed chosen on other episodes than those reported."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import evaluate
 from lacoloco.pipelines.episodes import Episodes
+from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.stage import StageContext
 
 ERRORS = {  # (seed of the policy, seed of the episodes) -> error
@@ -87,3 +89,20 @@ def test_methods_are_summed_up_apart():
     rows = [{"method": "gan", **figures}, {"method": "drail", **figures}, {"method": "gan", **figures}]
     summary = evaluate.summary(rows)
     assert {name: entry["seeds"] for name, entry in summary.items()} == {"gan": 2, "drail": 1}
+
+
+def test_ranges_of_one_s_own_take_the_place_of_the_task_s(context, two_seeds, monkeypatch, solo12):
+    asked = []
+    play = evaluate.play_episodes
+    monkeypatch.setattr(
+        evaluate, "play_episodes", lambda *a, randomisation, **k: (asked.append(randomisation), play(*a, **k))[1]
+    )
+    evaluate.run(evaluate.EvalConfig(4, 2, 4, friction=(1.45, 1.45)), context, policies=two_seeds[0][:1])
+    usual = evaluate.reach_task(solo12).randomisation
+    assert asked == [replace(usual, friction=(1.45, 1.45))] * 2
+
+
+@pytest.mark.parametrize("friction", [(0.0, 1.0), (1.5, 0.4), (1.0, float("nan"))])
+def test_ranges_that_are_none(context, two_seeds, friction):
+    with pytest.raises(StageError, match="--set friction=.*the lower one first"):
+        evaluate.run(evaluate.EvalConfig(4, 2, 4, friction=friction), context, policies=two_seeds[0])
