@@ -84,6 +84,7 @@ class HighTrainer:
         algorithm.actor_learns = not config.hindsight.decisions or progress >= config.head_start
         calm, begin, end = config.settle
         algorithm.desired_kl = config.ppo.desired_kl * geometric((1.0, calm), ramp(progress, begin, end))
+        price = (config.force_price or 0.0) * ramp(progress, *config.price_ramp)
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
         algorithm.exploration.boldness = config.std[0] / std
@@ -94,7 +95,7 @@ class HighTrainer:
             decision = env.step(project(algorithm.act(obs)))
             next_obs = self._observe()
             reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
-            reward -= (config.force_price or 0.0) * decision.violation
+            reward -= price * decision.violation
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
             # Only whole episodes are counted: a fall, but not what comes of its retries.
             whole = decision.done & ~self.retries.returned

@@ -93,10 +93,10 @@ def test_rewards_are_means_over_the_five_steps_times_the_scale(make_trainer, mon
 
 
 def test_contact_forces_above_the_limit_have_their_price(make_trainer):
-    """A quarter of all foot-substeps above it costs a quarter of the price, whatever the reward is."""
+    """A quarter of all foot-substeps above it costs a quarter of the price, half of that half way up its ramp, nothing before it."""
     rewards = []
-    for price in (None, 8.0):
-        trainer = make_trainer(horizon=2, force_price=price)
+    for price, progress in ((None, 1.0), (8.0, 1.0), (8.0, 0.35), (8.0, 0.1)):
+        trainer = make_trainer(horizon=2, force_price=price, std=(0.3, 0.3))
         step = trainer.env.step
 
         def violating(z, step=step):
@@ -106,9 +106,10 @@ def test_contact_forces_above_the_limit_have_their_price(make_trainer):
             return replace(decision, above_limit=above)
 
         trainer.env.step = violating
-        trainer.iterate(0.0)
+        trainer.iterate(progress)
         rewards.append(trainer.algorithm.storage.rewards.clone())
-    torch.testing.assert_close(rewards[0] - rewards[1], torch.full_like(rewards[0], 2.0))
+    for paid, asked in zip(rewards, (0.0, 2.0, 1.0, 0.0), strict=True):
+        torch.testing.assert_close((rewards[0] - paid)[0], torch.full_like(paid[0], asked))
 
 
 def test_the_price_is_for_low_levels_that_were_constrained():
