@@ -81,16 +81,16 @@ def run(
     With --methods or --executor: motions, then both levels of every method and seed, each in a job
     of its own, then the evaluation of all. Given again, it does what is missing.
     """
-    from lacoloco.pipelines import experiments
+    from lacoloco.pipelines import catalogue, experiments
 
-    name = known_name(name, experiments.EXPERIMENTS)
+    name = known_name(name, catalogue.EXPERIMENTS)
     if methods or executor or status:
         chosen = methods or (f"{disc}-cat" if cat else disc)
         many = Campaign(name, chosen, seeds, executor or "local", jobs, slurm or [], mocap or [])
         run_campaign(session, many, status=status)
         return
     method = f"{disc}-cat" if cat else disc
-    if method not in experiments.METHODS:
+    if method not in catalogue.METHODS:
         raise UserError(f"--disc {disc}: use gan or drail")
     outcomes = experiments.run(
         name,

@@ -16,8 +16,8 @@ from typing import Any
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import experiments
+from lacoloco.pipelines.catalogue import METHODS
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.experiments import METHODS
 from lacoloco.pipelines.jobs import make_executor, run_jobs
 from lacoloco.pipelines.stage import StageContext
 
@@ -86,7 +86,7 @@ def run_members(
     """Make the motions if there are none, train what is missing, and evaluate all that is there.
 
     Args:
-        name: a key of ``experiments.EXPERIMENTS``.
+        name: a key of ``catalogue.EXPERIMENTS``.
         context: run, first seed, device.
         preset: preset of every stage.
         methods: keys of ``METHODS``.

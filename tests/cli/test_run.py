@@ -6,7 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from lacoloco.pipelines import experiments
-from lacoloco.pipelines.experiments import EXPERIMENTS, Outcome
+from lacoloco.pipelines.catalogue import EXPERIMENTS
+from lacoloco.pipelines.experiments import Outcome
 from lacoloco_cli.main import app
 
 

@@ -8,7 +8,7 @@ import pytest
 from lacoloco.datasets import published
 from lacoloco.datasets.artifact import write_artifact
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import experiments, generate, train_low
+from lacoloco.pipelines import catalogue, experiments, generate, retarget, train_low
 from lacoloco.pipelines.stage import Silent, StageContext, StageResult
 
 
@@ -30,7 +30,7 @@ def ran(monkeypatch):
     calls = []
 
     def fake(name):
-        verb = next(v for v, module in experiments.STAGES.items() if name.endswith(f".{module}"))
+        verb = next(v for v, module in catalogue.STAGES.items() if name.endswith(f".{module}"))
 
         def run(config, context, **inputs):
             calls.append((verb, inputs))
@@ -93,7 +93,7 @@ def test_quickstart_trains_only_a_high_level_over_a_published_low_one(ran, folde
 def test_the_low_level_alone_comes_before_the_one_inside_a_high_level(folder):
     write(folder / "solo12-synthetic.h5")
     low = write(folder / "solo12-synthetic-low.h5")
-    experiment = experiments.EXPERIMENTS["quickstart"]
+    experiment = catalogue.EXPERIMENTS["quickstart"]
     assert experiments.published_low(experiment, "drail-cat") == low
 
 
@@ -115,9 +115,10 @@ def test_experiments_of_the_paper_never_start_from_what_is_published(ran, folder
 
 
 def test_an_experiment_changes_what_the_preset_says(context):
-    experiment = experiments.EXPERIMENTS["solo12-dog-reach"]
+    experiment = catalogue.EXPERIMENTS["solo12-dog-reach"]
     chain = experiments._Chain(experiment, context, "smoke", "gan", [])
     generated, low = chain._config(generate, "generate"), chain._config(train_low, "train-low")
     assert (generated.walk_clips, generated.reach_clips) == (0, generate.smoke().reach_clips)
     assert dict(low.skill_shares).keys() == {"dog", "reach"}
+    assert chain._config(retarget, "retarget").augment
     assert low.ase.discriminator == "gan" and low.samples == train_low.smoke().samples

@@ -6,7 +6,7 @@ from importlib import import_module
 import pytest
 
 from lacoloco.pipelines import generate, train_high, train_low
-from lacoloco.pipelines.experiments import STAGES
+from lacoloco.pipelines.catalogue import STAGES
 from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
 
 
