@@ -83,9 +83,11 @@ def bent(mocap: Mocap, curvature: float) -> Mocap:
     Raises:
         DatasetError: part of the animal would be bent beyond the centre of the curve.
     """
+    if curvature == 0.0:
+        return mocap
     centre = smooth(mocap.positions[..., :2].mean(1), COURSE_SIGMA * mocap.fps)
     travelled = _travelled(centre, mocap.fps)
-    if travelled is None or curvature == 0.0:
+    if travelled is None:
         return mocap
     reach = int(np.ceil(np.linalg.norm(mocap.positions[..., :2] - centre[:, None], axis=-1).max() / STEP)) + 1
     course = _course(centre, *travelled, reach)

@@ -77,9 +77,10 @@ class RetargetConfig:
             raise StageError(f"--fps {self.fps}: give frames per second, or 0 for the file's")
         if not 0 <= self.unit < float("inf"):
             raise StageError(f"--unit {self.unit}: give the metres per unit of the files, e.g. 0.01")
-        for bend in (self.bend, *self.augment_bends):
-            if not abs(bend) < float("inf"):
-                raise StageError(f"--bend {bend}: give a curvature in 1/m, e.g. 1.5")
+        for option, bends in (("--bend", (self.bend,)), ("augment_bends", self.augment_bends)):
+            for bend in bends:
+                if not abs(bend) < float("inf"):
+                    raise StageError(f"{option} {bend}: give a curvature in 1/m, e.g. 1.5")
         self.reading(shipped_maps()[0])
 
     def reading(self, skeleton: SkeletonMap, trim: str = "") -> Reading:

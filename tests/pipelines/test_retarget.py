@@ -356,7 +356,7 @@ def test_warnings_are_kept_with_the_clip(context, short_dog):
         ({"fps": -1.0}, "--fps"),
         ({"unit": -1.0}, "--unit"),
         ({"bend": float("nan")}, "--bend"),
-        ({"augment_bends": (float("inf"),)}, "--bend"),
+        ({"augment_bends": (float("inf"),)}, "augment_bends"),
         ({"up_axis": "w"}, "--up-axis w"),
         ({"select": "paper-dogs", "trim": "0:5"}, "--trim: a selection"),
         ({"map": "gone.toml"}, "gone.toml"),
