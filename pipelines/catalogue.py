@@ -49,7 +49,7 @@ EXPERIMENTS = {
         ("generate",),
         "the whole chain on Solo12 in minutes",
         episodes=1024,
-        decisions=1_000_000,
+        decisions=600_000,
         start_from=("solo12-synthetic-low", "solo12-synthetic"),
     ),
     "solo12-synthetic": Experiment("solo12", ("generate",), ("generate",), "walking and reaching experts"),
