@@ -92,7 +92,7 @@ def play(
     payload = {"artifact": path_text(result.artifact), **result.metrics}
     payload["html"] = str(html or page)
     session.answer(payload, lambda: typer.echo(payload["html"]))
-    if html is None and not session.as_json:
+    if html is None and not session.as_json and watched():
         show(page)
 
 
@@ -143,6 +143,11 @@ def newest(session: Session) -> Path:
         f"run '{session.run_name}' has nothing to play; name an artifact, or make motions with"
         " `lacoloco retarget`"
     )
+
+
+def watched() -> bool:
+    """Whether a person reads the answer; a script that reads it would wait for a Ctrl-C that nobody types."""
+    return sys.stdout.isatty()
 
 
 def show(page: Path) -> None:

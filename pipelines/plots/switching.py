@@ -54,8 +54,8 @@ def draw_switching(
         _everyone(everyone, time, found, colours)
         everyone.set_xlabel("time [s]")
         everyone.set_xlim(edges[0], edges[-1])
-        share = 100.0 * found.figures()["walk_first_reach_last"]
-        title = f"Episode {shown}; {share:.0f} % of {len(found.fell)} episodes walk first and reach last"
+        share = found.figures()["walk_first_reach_last"]
+        title = f"Episode {shown}; {share:.1%} of {len(found.fell)} episodes walk first and reach last"
         figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, fontweight="bold")
         figure.align_ylabels(panels)
         save(figure, file)

@@ -45,9 +45,14 @@ def test_a_playback_is_played_again(motions, tmp_path):
     assert json.loads(again.stdout)["recordings"] == ["circle"]
 
 
-def test_with_json_no_browser_is_waited_for(motions):
-    answer = json.loads(invoke("--json").stdout)
-    assert answer["html"].endswith("playback.html")
+@pytest.mark.parametrize("as_json", [True, False])
+def test_a_script_is_told_where_the_page_is_and_waits_for_no_browser(motions, monkeypatch, as_json):
+    monkeypatch.setattr(play, "watched", lambda: as_json)
+    monkeypatch.setattr(play, "show", lambda page: pytest.fail(f"{page} was shown"))
+    result = invoke("--json") if as_json else invoke()
+    assert result.exit_code == 0, result.stderr
+    page = json.loads(result.stdout)["html"] if as_json else result.stdout.strip()
+    assert page.endswith("playback.html")
 
 
 def interrupted():
@@ -55,6 +60,7 @@ def interrupted():
 
 
 def test_without_a_screen_the_address_is_printed(motions, monkeypatch):
+    monkeypatch.setattr(play, "watched", lambda: True)
     monkeypatch.setattr(play, "forever", interrupted)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)

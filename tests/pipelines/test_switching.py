@@ -85,4 +85,4 @@ def test_the_picture_has_all_that_happened(tmp_path, make_switching, monkeypatch
     assert mesh.reshape(7, 40)[2].tolist() == [1.0] * 40
     assert [text.get_text() for text in axes[4].get_yticklabels()] == ["FL", "FR", "HL", "HR"]
     assert axes[4].collections[0].get_paths()[0].get_extents().intervalx.tolist() == [1.0, 2.0]
-    assert "100 % of 2 episodes" in kept[0].get_suptitle()
+    assert "100.0% of 2 episodes" in kept[0].get_suptitle()
