@@ -1,9 +1,9 @@
-"""Skill switching: which episodes count, and which one is shown."""
+"""Which episodes walk first and reach last, and which of them is typical."""
 
 import numpy as np
 import pytest
 
-from lacoloco.pipelines.switching import Switching
+from lacoloco.pipelines.skill_usage import Switching
 
 WALK, REACH = 0, 1
 
@@ -61,28 +61,3 @@ def test_what_is_shown_is_typical_of_the_episodes_that_switch(make_switching):
     found = make_switching([walk, switch, switch, switch], error=[0.0, 0.9, 0.1, 0.3])
     assert found.typical() == 3
     assert make_switching([walk] * 3, error=[0.2, 0.1, 0.6]).typical() == 0
-
-
-def test_the_picture_has_all_that_happened(tmp_path, make_switching, monkeypatch):
-    from lacoloco.pipelines.plots import switching as plots
-    from lacoloco.pipelines.rollout import ReachRecording
-
-    found = make_switching([[WALK, WALK, REACH, REACH]] * 2)
-    latent = np.zeros((2, 40, 7))
-    latent[:, :, 2] = 1.0
-    contact = np.zeros((2, 40, 4), bool)
-    contact[:, 10:20, 0] = True
-    empty = np.zeros((2, 40, 3))
-    played = ReachRecording(
-        empty, empty, empty, contact, latent, empty, latent, empty, found.fell, "solo12", 10.0
-    )
-    kept = []
-    monkeypatch.setattr(plots, "save", lambda figure, file: kept.append(figure))
-    feet = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
-    plots.draw_switching(tmp_path / "a.png", found, played, 1, feet)
-    axes = kept[0].axes
-    mesh = axes[0].collections[0].get_array()
-    assert mesh.reshape(7, 40)[2].tolist() == [1.0] * 40
-    assert [text.get_text() for text in axes[4].get_yticklabels()] == ["FL", "FR", "HL", "HR"]
-    assert axes[4].collections[0].get_paths()[0].get_extents().intervalx.tolist() == [1.0, 2.0]
-    assert "100.0% of 2 episodes" in kept[0].get_suptitle()
