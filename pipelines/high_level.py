@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from tensordict import TensorDict
 
+from lacoloco.pipelines.episodes import MISSED
 from lacoloco.pipelines.high_level_config import TrainHighConfig
 from lacoloco.pipelines.hindsight import clone_hindsight, explore
 from lacoloco.pipelines.learn import parallel
@@ -85,6 +86,7 @@ class HighTrainer:
         calm, begin, end = config.settle
         algorithm.desired_kl = config.ppo.desired_kl * geometric((1.0, calm), ramp(progress, begin, end))
         price = (config.force_price or 0.0) * ramp(progress, *config.price_ramp)
+        rematch = progress >= config.rematch_from
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
         algorithm.exploration.boldness = config.std[0] / std
@@ -97,9 +99,10 @@ class HighTrainer:
             reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
             reward -= price * decision.violation
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
-            # Only whole episodes are counted: a fall, but not what comes of its retries.
+            # Only whole episodes are counted: a fall or a miss, but not what comes of its retries.
             whole = decision.done & ~self.retries.returned
-            again = self.retries.choose(decision.fell)
+            missed = decision.timed_out & (decision.error > MISSED)
+            again = self.retries.choose(decision.fell, missed if rematch else None)
             env.reset(decision.done)
             fresh |= decision.done & ~again
             env.latent = self.retries.put_back(again, env.latent)

@@ -38,7 +38,9 @@ class TrainHighConfig:
         clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
             evaluation, a policy that answers standing with a latent that stands is caught for good.
         randomisation: factor on the spread of masses, centres of mass, friction and pushes; evaluation is at 1.
-        second_chances: share of falls after which the world is put back to shortly before, again and again.
+        second_chances: share of falls after which the world is put back to shortly before, again and again, and of misses
+            after which it is put back to where the episode began, with the same target.
+        rematch_from: share of the training from which on that holds for misses; before it nearly everybody misses.
     """
 
     worlds: int = 512
@@ -57,6 +59,7 @@ class TrainHighConfig:
     clean: float = 0.5
     randomisation: float = 1.25
     second_chances: float = 0.9
+    rematch_from: float = 0.4
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
             horizon=8,

@@ -118,6 +118,35 @@ def test_the_price_is_for_low_levels_that_were_constrained():
     assert priced(replace(smoke(), force_price=3.0), "gan").force_price == 3.0
 
 
+@pytest.mark.parametrize(("progress", "error", "same"), [(0.3, 1.0, False), (0.9, 1.0, True), (0.9, 0.2, False)])
+def test_whoever_missed_has_the_same_target_again(make_trainer, progress, error, same):
+    """From a share of the training on, and if it ended further away than 0.3 m."""
+    trainer = make_trainer(horizon=1, second_chances=1.0)
+    env = trainer.env.env
+    step, miss = trainer.env.step, torch.zeros(16, dtype=torch.bool)
+
+    def ended(z):
+        outcome = step(z)
+        where = miss & ~outcome.fell
+        return replace(outcome, timed_out=where, error=torch.where(where, error, outcome.error))
+
+    trainer.env.step = ended
+    miss[:8] = True
+    trainer.iterate(progress)  # from here on it is known how the first eight began
+    begun, target = env.steps.eq(0), env.command.clone()
+    miss[:8] = False
+    for _ in range(9):
+        trainer.iterate(progress)
+    alive = begun & env.steps.eq(9 * HOLD_STEPS)
+    miss[:8] = True
+    trainer.iterate(progress)
+    ended_now = alive & env.steps.eq(0)
+    assert ended_now.any()
+    kept = (env.command == target).all(dim=1)
+    assert bool(kept[ended_now].all()) is same
+    assert same or not kept[ended_now].any()
+
+
 def test_time_outs_fall_on_the_end_of_a_decision(make_trainer):
     """An episode has 500 steps and starts anywhere, but always between two decisions."""
     trainer = make_trainer()

@@ -1,4 +1,4 @@
-"""Second chances: back to where the fall was not yet decided."""
+"""Second chances: back to where the fall was not yet decided, or to where an episode that missed began."""
 
 from dataclasses import replace
 
@@ -114,15 +114,81 @@ def test_a_target_comes_back_with_its_world(solo12):
     assert torch.equal(env.physics.qpos[1], states[2]), "1 s back: ten decisions"
 
 
+@pytest.fixture
+def reaching(solo12):
+    return LeggedEnv(solo12, reach_task(solo12), WORLDS, seed=0)
+
+
+def miss(env, retries, missed):
+    """End the episodes of ``missed`` at a time-out; returns who begins the same one again."""
+    mask = torch.tensor(missed)
+    again = retries.choose(torch.zeros(WORLDS, dtype=torch.bool), mask)
+    env.reset(mask)
+    retries.put_back(again, torch.zeros(WORLDS, 7))
+    return again.tolist()
+
+
+def test_whoever_missed_begins_the_same_episode_again(reaching):
+    env, retries = reaching, Retries(reaching, 7, 1.0, seed=0)
+    live(env, retries, BACK)
+    assert miss(env, retries, [True] * WORLDS) == [False] * WORLDS, "nobody knows how these began"
+    start, target = env.physics.qpos.clone(), env.command.clone()
+    for _ in range(2):
+        live(env, retries, BACK + 5)
+        assert miss(env, retries, [True, False, True]) == [True, False, True]
+        for world in (0, 2):
+            assert torch.equal(env.physics.qpos[world], start[world])
+            assert torch.equal(env.command[world], target[world])
+            assert env.steps[world] == 0
+        assert not torch.equal(env.physics.qpos[1], start[1]), "it goes on"
+    assert retries.returned.tolist() == [True, False, True]
+
+
+def test_a_retry_after_a_fall_is_no_beginning(reaching):
+    """Whoever fell, was put back and missed in the end begins where its episode did, not where it was put back to."""
+    env, retries, fell = reaching, Retries(reaching, 7, 1.0, seed=0), torch.tensor([True, False, False])
+    live(env, retries, BACK)
+    miss(env, retries, [True] * WORLDS)
+    start = env.physics.qpos[0].clone()
+    live(env, retries, BACK + 3)
+    again = retries.choose(fell)
+    env.reset(fell)
+    retries.put_back(again, torch.zeros(WORLDS, 7))
+    live(env, retries, 9)
+    assert miss(env, retries, [True, False, False])[0]
+    assert torch.equal(env.physics.qpos[0], start)
+
+
+def test_misses_are_bygones_where_nobody_asks(reaching):
+    retries, nobody = Retries(reaching, 7, 1.0, seed=0), torch.zeros(WORLDS, dtype=torch.bool)
+    live(reaching, retries, BACK)
+    miss(reaching, retries, [True] * WORLDS)
+    live(reaching, retries, 5)
+    assert not retries.choose(nobody).any()
+    assert not retries.choose(nobody, nobody).any()
+
+
 def test_snapshots_go_on_where_they_stopped(env):
     first, second = Retries(env, 7, 0.5, seed=0), Retries(env, 7, 0.5, seed=9)
     live(env, first, BACK + 3)
+    miss(env, first, [False, False, True])
     second.load_state_dict(first.state_dict())
     fell = torch.ones(WORLDS, dtype=torch.bool)
-    assert [first.choose(fell).tolist() for _ in range(9)] == [second.choose(fell).tolist() for _ in range(9)]
+    for ends in ((fell, None), (~fell, fell)):
+        chosen = [[retries.choose(*ends).tolist() for _ in range(9)] for retries in (first, second)]
+        assert chosen[0] == chosen[1]
     again = torch.tensor([True, True, False])
     latents = [retries.put_back(again, torch.zeros(WORLDS, 7)) for retries in (first, second)]
     assert torch.equal(*latents)
+
+
+def test_snapshots_of_a_version_without_beginnings_are_left_out(env):
+    first, second = Retries(env, 7, 1.0, seed=0), Retries(env, 7, 1.0, seed=9)
+    live(env, first, BACK + 3)
+    state = first.state_dict()
+    del state["begun"]
+    second.load_state_dict(state)
+    assert not second.choose(torch.ones(WORLDS, dtype=torch.bool)).any()
 
 
 def test_snapshots_of_many_worlds_stay_out_of_checkpoints(env, monkeypatch):
