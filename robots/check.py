@@ -10,6 +10,7 @@ import numpy as np
 
 from lacoloco.robots.agreement import Disagreement, compare_engines
 from lacoloco.robots.errors import RobotError
+from lacoloco.robots.scene import compile_scene
 
 if TYPE_CHECKING:
     from lacoloco.robots.spec import RobotSpec
@@ -174,7 +175,7 @@ def _pose_checks(spec: RobotSpec) -> Iterator[Check]:
     """The default pose stands on its feet and touches nothing else, not even itself."""
     import mujoco
 
-    model = spec.compile()
+    model = compile_scene(spec)
     if model.nkey == 0:
         yield Check("keyframe missing", 1, 0, detail="the MJCF needs one with the default pose")
         return

@@ -18,9 +18,14 @@ SOLVER_TOLERANCE = 1e-6
 
 
 def compile_scene(
-    robot: RobotSpec, *, floor: bool, timestep: float, training_limits: bool, visual: bool
+    robot: RobotSpec,
+    *,
+    floor: bool = True,
+    timestep: float = 0.005,
+    training_limits: bool = False,
+    visual: bool = False,
 ) -> mujoco.MjModel:
-    """Robot + floor + position motors + contact sensors, compiled.
+    """A new model: robot + floor + position motors + contact sensors, compiled.
 
     Motors are in the order of ``joint_names``; ``ctrl`` is the target joint position (J,), rad,
     and the torque is clip(kp (ctrl - q) - kd qdot, +-limit), integrated implicitly
@@ -35,7 +40,7 @@ def compile_scene(
         floor: Add the plane ``floor`` at z = 0.
         timestep: Physics step, s.
         training_limits: Torque limits of training instead of those of the motors.
-        visual: Keep the geoms that are only looked at.
+        visual: Keep the geoms that are only looked at (rendering; a little slower).
 
     Raises:
         RobotError: The MJCF is missing or lacks a body or joint the spec names.

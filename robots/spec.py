@@ -101,31 +101,6 @@ class RobotSpec:
         """
         return _bare_model(self.mjcf)
 
-    def compile(
-        self,
-        *,
-        floor: bool = True,
-        timestep: float = 0.005,
-        training_limits: bool = False,
-        visual: bool = False,
-    ) -> mujoco.MjModel:
-        """A new model to simulate; see ``lacoloco.robots.scene.compile_scene``.
-
-        Args:
-            floor: Add the plane ``floor`` at z = 0.
-            timestep: Physics step, s.
-            training_limits: Torque limits of training instead of those of the motors.
-            visual: Keep the geoms that are only looked at (rendering; a little slower).
-
-        Raises:
-            RobotError: The MJCF is missing, or lacks a body or joint this spec names.
-        """
-        from lacoloco.robots.scene import compile_scene
-
-        return compile_scene(
-            self, floor=floor, timestep=timestep, training_limits=training_limits, visual=visual
-        )
-
     def pinocchio_model(self) -> pinocchio.Model:
         """A new Pinocchio model of the same MJCF (nq = 7 + J, quaternion xyzw)."""
         import pinocchio

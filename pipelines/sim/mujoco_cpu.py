@@ -17,6 +17,7 @@ from lacoloco.pipelines.sim.physics import (
     WorldParameters,
     monitored_bodies,
 )
+from lacoloco.robots.scene import compile_scene
 
 
 class BatchPhysics:
@@ -30,7 +31,7 @@ class BatchPhysics:
         """Compile the robot and allocate the worlds, all in the model's default state."""
         spec, self.num_worlds = request.spec, request.num_worlds
         self.device = torch.device("cpu")
-        self.model = spec.compile(timestep=PHYSICS_DT, training_limits=request.training_limits)
+        self.model = compile_scene(spec, timestep=PHYSICS_DT, training_limits=request.training_limits)
         self.monitored = monitored_bodies(spec)
         self._batch = Batch(self.model, self.num_worlds, nthread=request.threads or _own_threads())
         self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))

@@ -23,6 +23,7 @@ from lacoloco.pipelines.sim.physics import (
     monitored_bodies,
 )
 from lacoloco.pipelines.worlds import pick, put
+from lacoloco.robots.scene import compile_scene
 
 # Its greeting and its list of compiled modules go to stdout, where a verb's answer belongs.
 wp.config.log_level = wp.LOG_WARNING
@@ -49,7 +50,7 @@ class WarpPhysics:
         """Compile the robot, allocate the worlds in the model's default state, and run every kernel once."""
         spec, self.num_worlds = request.spec, request.num_worlds
         self.device = _torch_device(device)
-        self.model = spec.compile(timestep=PHYSICS_DT, training_limits=request.training_limits)
+        self.model = compile_scene(spec, timestep=PHYSICS_DT, training_limits=request.training_limits)
         self.monitored = monitored_bodies(spec)
         self._capacity = find_capacity(self.model)
         self._stream = wp.stream_from_torch(self.device) if self.device.type == "cuda" else None

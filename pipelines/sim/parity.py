@@ -13,6 +13,7 @@ import torch
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.sim.mujoco_cpu import BatchPhysics
 from lacoloco.pipelines.sim.physics import Physics, PhysicsRequest, WorldParameters
+from lacoloco.robots.scene import compile_scene
 from lacoloco.robots.spec import RobotSpec
 
 ROUNDS = 4
@@ -83,7 +84,7 @@ def _difference(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
 
 def near_the_ground(spec: RobotSpec, worlds: int, draw: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
     """(N, 7 + J), (N, 6 + J): tilted robots in motion, the lowest foot up to 10 mm in the floor or above it."""
-    model, joints = spec.compile(), spec.num_joints
+    model, joints = compile_scene(spec), spec.num_joints
     qpos = torch.zeros(worlds, 7 + joints)
     qpos[:, 3], qpos[:, 4:7] = 1.0, 0.1 * torch.randn(worlds, 3, generator=draw)
     qpos[:, 3:7] /= qpos[:, 3:7].norm(dim=-1, keepdim=True)

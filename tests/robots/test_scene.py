@@ -6,6 +6,7 @@ import pytest
 from mujoco.batch import Batch
 
 from lacoloco.robots.errors import RobotError
+from lacoloco.robots.scene import compile_scene
 
 # front knees back, hind knees forward: unlike the default pose, Solo12 stands in it on kp 4
 MIRROR = np.array([0, 0.8, -1.6] * 2 + [0, -0.8, 1.6] * 2)
@@ -26,7 +27,7 @@ def settle(model, qpos, ctrl, steps):
 @pytest.fixture
 def standing(solo12):
     qpos = np.concatenate([[0, 0, 0.25, 1, 0, 0, 0], MIRROR])
-    return settle(solo12.compile(), qpos, MIRROR, 600)
+    return settle(compile_scene(solo12), qpos, MIRROR, 600)
 
 
 def test_foot_forces_of_a_standing_robot_carry_its_weight(solo12, standing):
@@ -40,7 +41,7 @@ def test_lying_on_the_back_is_felt_by_the_fall_body_alone(solo12):
     qpos = solo12.default_qpos()
     qpos[3:7] = [0, 1, 0, 0]
     qpos[2] = 0.05
-    data = settle(solo12.compile(), qpos, solo12.default_joint_pos, 400)
+    data = settle(compile_scene(solo12), qpos, solo12.default_joint_pos, 400)
     assert np.linalg.norm(force(data, "base_link")) == pytest.approx(solo12.weight(), rel=0.01)
     assert not any(force(data, foot).any() for foot in solo12.feet)
 
@@ -49,12 +50,12 @@ def test_lying_forward_is_felt_by_the_torso_of_h1(h1):
     qpos = h1.default_qpos()
     qpos[3:7] = [0.5**0.5, 0, 0.5**0.5, 0]  # face down
     qpos[2] = 0.15
-    data = settle(h1.compile(), qpos, h1.default_joint_pos, 200)
+    data = settle(compile_scene(h1), qpos, h1.default_joint_pos, 200)
     assert np.linalg.norm(force(data, "torso_link")) > 1.0
 
 
 def test_friction_of_the_feet_counts_whatever_the_floor_has(solo12):
-    model = solo12.compile()
+    model = compile_scene(solo12)
     batch = Batch(model, nsim=2, nthread=1)
     feet = [model.geom(foot).id for foot in solo12.feet]
     batch.expand("geom_friction")[:, feet, 0] = [[0.1], [1.2]]
@@ -76,7 +77,7 @@ def test_legs_of_solo12_collide_and_those_of_h1_do_not(solo12, h1):
         "h1": {"left_hip_roll": -0.43, "right_hip_roll": 0.43},
     }
     for robot, expected in ((solo12, True), (h1, False)):
-        model = robot.compile()
+        model = compile_scene(robot)
         data = mujoco.MjData(model)
         data.qpos[:] = robot.default_qpos()
         data.qpos[2] = 5.0
@@ -87,7 +88,7 @@ def test_legs_of_solo12_collide_and_those_of_h1_do_not(solo12, h1):
 
 
 def test_solo12_does_not_touch_itself_around_its_usual_poses(solo12):
-    model = solo12.compile(floor=False)
+    model = compile_scene(solo12, floor=False)
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)
     for centre in (solo12.default_joint_pos, solo12.retarget_neutral, MIRROR):
@@ -99,7 +100,7 @@ def test_solo12_does_not_touch_itself_around_its_usual_poses(solo12):
 
 @pytest.mark.parametrize("training", [False, True])
 def test_motors_follow_the_law_up_to_their_limit(robot, training):
-    model = robot.compile(floor=False, training_limits=training)
+    model = compile_scene(robot, floor=False, training_limits=training)
     data = mujoco.MjData(model)
     rng = np.random.default_rng(1)
     q0 = np.array(robot.default_joint_pos)
@@ -115,7 +116,7 @@ def test_motors_follow_the_law_up_to_their_limit(robot, training):
 
 
 def test_motors_sensors_and_keyframe_are_in_the_order_of_the_spec(robot):
-    model = robot.compile()
+    model = compile_scene(robot)
     assert [model.actuator(i).name for i in range(model.nu)] == list(robot.joint_names)
     sensors = [model.sensor(i).name for i in range(model.nsensor)]
     assert sensors == [f"force_{body}" for body in robot.contact_bodies]
@@ -125,22 +126,22 @@ def test_motors_sensors_and_keyframe_are_in_the_order_of_the_spec(robot):
 
 
 def test_what_is_only_looked_at_changes_no_motion(robot):
-    plain, drawn = robot.compile(), robot.compile(visual=True)
+    plain, drawn = compile_scene(robot), compile_scene(robot, visual=True)
     assert drawn.ngeom > plain.ngeom
     assert plain.body_mass.sum() == pytest.approx(drawn.body_mass.sum(), abs=0)
     ends = [settle(m, robot.default_qpos(), robot.default_joint_pos, 50) for m in (plain, drawn)]
     np.testing.assert_array_equal(ends[0].qpos, ends[1].qpos)
 
 
-def test_options_of_compile(solo12):
-    model = solo12.compile(floor=False, timestep=0.002)
+def test_options_of_compile_scene(solo12):
+    model = compile_scene(solo12, floor=False, timestep=0.002)
     assert model.opt.timestep == 0.002
     assert "floor" not in [model.geom(i).name for i in range(model.ngeom)]
-    assert solo12.compile() is not solo12.compile()
+    assert compile_scene(solo12) is not compile_scene(solo12)
 
 
 def test_names_the_mjcf_lacks_are_named(solo12):
     with pytest.raises(RobotError, match="XX_HAA"):
-        replace(solo12, joint_names=("XX_HAA", *solo12.joint_names[1:])).compile()
+        compile_scene(replace(solo12, joint_names=("XX_HAA", *solo12.joint_names[1:])))
     with pytest.raises(RobotError, match="tail"):
-        replace(solo12, fall_bodies=("tail",)).compile()
+        compile_scene(replace(solo12, fall_bodies=("tail",)))

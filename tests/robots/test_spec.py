@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lacoloco.robots.errors import RobotError
-from lacoloco.robots.spec import EndEffector
+from lacoloco.robots.scene import compile_scene
+from lacoloco.robots.spec import EndEffector, RobotSpec
 
 
 def test_sizes_of_solo12(solo12):
@@ -91,19 +92,21 @@ def test_model_hash_is_of_the_bytes(solo12, tmp_path):
     assert replace(solo12, mjcf=other).model_hash() != solo12.model_hash()
 
 
-@pytest.mark.parametrize("use", ["model", "compile", "pinocchio_model", "model_hash", "weight"])
+@pytest.mark.parametrize(
+    "use", [RobotSpec.model, compile_scene, RobotSpec.pinocchio_model, RobotSpec.model_hash, RobotSpec.weight]
+)
 def test_a_missing_mjcf_is_named(solo12, use):
     lost = replace(solo12, mjcf=solo12.mjcf.with_name("lost.xml"))
     with pytest.raises(RobotError, match=r"lost\.xml"):
-        getattr(lost, use)()
+        use(lost)
 
 
 def test_a_malformed_mjcf_is_named(solo12, tmp_path):
     broken = tmp_path / "broken.xml"
     broken.write_text("<mujoco><worldbody></mujoco>")
-    for use in ("model", "compile"):
+    for use in (RobotSpec.model, compile_scene):
         with pytest.raises(RobotError, match=r"broken\.xml") as error:
-            getattr(replace(solo12, mjcf=broken), use)()
+            use(replace(solo12, mjcf=broken))
         assert "\n" not in str(error.value)
 
 

@@ -6,6 +6,7 @@ import torch
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.sim import parity
 from lacoloco.pipelines.sim.mujoco_cpu import BatchPhysics
+from lacoloco.robots.scene import compile_scene
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def test_a_difference_is_refused_by_name(instead_of_warp, solo12, name, amount):
 def test_robots_near_the_ground_touch_it_by_at_most_a_centimetre(robot):
     draw = torch.Generator().manual_seed(1)
     qpos, qvel = parity.near_the_ground(robot, 12, draw)
-    model = robot.compile()
+    model = compile_scene(robot)
     lowest = torch.tensor(list(parity._lowest_feet(robot, model, qpos)))
     assert float(lowest.abs().max()) < 0.0101
     assert float(lowest.min()) < 0.0 < float(lowest.max())

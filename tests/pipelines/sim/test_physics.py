@@ -16,6 +16,7 @@ from lacoloco.pipelines.sim.physics import (
     WorldParameters,
     monitored_bodies,
 )
+from lacoloco.robots.scene import compile_scene
 
 # Front knees back, hind knees forward: a pose in which Solo12 stands on its weak motors.
 STANDING = torch.tensor([0, 0.8, -1.6] * 2 + [0, -0.8, 1.6] * 2)
@@ -103,7 +104,7 @@ def test_forces_are_those_of_plain_mujoco_in_every_substep(solo12):
     qpos[:, 2], qpos[:, 3:7], qvel[:, 2] = 0.03, torch.tensor([0.0, 1.0, 0.0, 0.0]), -2.0
     physics.reset(torch.tensor([1]), qpos, qvel)
     hold(physics, 1)
-    data = mujoco.MjData(solo12.compile(training_limits=True))
+    data = mujoco.MjData(compile_scene(solo12, training_limits=True))
     data.qpos[:], data.qvel[:], data.ctrl[:] = qpos[0], qvel[0], STANDING
     norms = {name: [] for name in (*solo12.feet, *physics.monitored)}
     for _ in range(SUBSTEPS):
@@ -124,7 +125,7 @@ def test_torque_is_that_of_the_position_motors(solo12):
     qpos = standing_qpos(1)
     qpos[:, 2] = 2.0
     physics.reset(torch.tensor([0]), qpos, torch.zeros(1, 18))
-    data = mujoco.MjData(solo12.compile(training_limits=True))
+    data = mujoco.MjData(compile_scene(solo12, training_limits=True))
     data.qpos[:] = qpos[0].numpy()
     data.ctrl[:] = (STANDING + 0.1).numpy()
     mujoco.mj_step(data.model, data, SUBSTEPS - 1)

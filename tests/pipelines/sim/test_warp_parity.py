@@ -19,6 +19,7 @@ from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import PhysicsRequest, WorldParameters
 from lacoloco.pipelines.sim.tasks import walk_task
+from lacoloco.robots.scene import compile_scene
 
 pytest.importorskip("mujoco_warp", reason="needs MuJoCo Warp: pip install 'lacoloco[gpu]'")
 pytestmark = pytest.mark.slow
@@ -78,7 +79,7 @@ def parameters(worlds=WORLDS, **changes):
 
 def near_the_floor(spec, draw):
     """Tilted robots in motion, the lowest foot up to 10 mm in the floor or above it."""
-    model, joints = spec.compile(), spec.num_joints
+    model, joints = compile_scene(spec), spec.num_joints
     qpos = torch.zeros(WORLDS, 7 + joints)
     qpos[:, 3] = 1.0
     qpos[:, 4:7] = 0.1 * torch.randn(WORLDS, 3, generator=draw)
