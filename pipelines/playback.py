@@ -15,6 +15,7 @@ import numpy as np
 from lacoloco.datasets import clip as clips
 from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
 from lacoloco.datasets.clip import Clip
+from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines import recording as recordings
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.recording import Recording
@@ -157,7 +158,7 @@ def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[R
                 target=played.target[index],
                 latent=played.steering[index],
                 contacts=played.contact[index],
-                note=f"{'/'.join(policy.parts[-4:-1])}: {end}",
+                note=f"{_name(policy)}: {end}",
             )
         )
     return shown
@@ -190,10 +191,15 @@ def low_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Reco
                 joint_pos=qpos[:, 7:],
                 latent=played.steering[index],
                 contacts=played.contact[index],
-                note=f"{'/'.join(policy.parts[-4:-1])}: {end}",
+                note=f"{_name(policy)}: {end}",
             )
         )
     return shown
+
+
+def _name(policy: Path) -> str:
+    """`run/stage/version`, or the name of a file that lies elsewhere, such as what comes with lacoloco."""
+    return "/".join(policy.parts[-4:-1]) if policy.name == ARTIFACT else policy.stem
 
 
 def chosen_clips(available: Sequence[Clip], count: int, names: Sequence[str]) -> list[int]:

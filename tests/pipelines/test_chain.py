@@ -376,3 +376,12 @@ def test_a_low_level_is_played_without_a_high_one(chain, latents, names):
     assert all(one.target is None and one.latent.shape == (10, 7) for one in shown)
     steered = playback.record(read_artifact(chain.high.artifact), config, 9)
     assert (steered[0].target is None) == bool(latents), "the high level steers unless told otherwise"
+
+
+def test_a_page_names_the_run_of_a_policy_or_the_file_that_lies_alone(chain, tmp_path):
+    config = playback.PlaybackConfig(episodes=1, seconds=0.2)
+    alone = tmp_path / "my-policy.h5"
+    alone.write_bytes(chain.high.artifact.read_bytes())
+    for path, name in ((chain.high.artifact, "chain/train-high/0001"), (alone, "my-policy")):
+        (shown,) = playback.record(read_artifact(path), config)
+        assert shown.note.startswith(f"{name}: ")
