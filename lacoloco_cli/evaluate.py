@@ -104,14 +104,17 @@ def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path
 
 
 def show(answer: Mapping[str, Any]) -> None:
-    """Print a row per policy, where its failures crowd, then mean and spread over seeds, then the best."""
+    """Print a row per policy, who of those that missed never came nearer and where failures crowd, then mean and spread over seeds, then the best."""
     from lacoloco.pipelines.conditions import describe
 
     rows = answer["rows"]
     console.print_table(list(COLUMNS.values()), [[row[key] for key in COLUMNS] for row in rows])
     for row in rows:
+        who = f"{row['method']} seed {row['seed']}"
+        if row["missed"]:
+            typer.echo(f"{who}, missed: {row['stayed']} of {row['missed']} end about as far away as they began")
         for crowd in row["crowds"]:
-            typer.echo(f"{row['method']} seed {row['seed']}, {describe(crowd)}")
+            typer.echo(f"{who}, {describe(crowd)}")
     for method, figures in answer["summary"].items():
         if figures["seeds"] > 1:
             typer.echo(

@@ -30,6 +30,8 @@ OUTCOMES = ("error", "fell", "above_limit", "substeps")
 """Fields of :class:`Episodes` that are counted while they are played."""
 MISSED = 0.3
 """Metres from the target beyond which an episode that did not fall has missed it."""
+STAYED = 0.4
+"""Metres by which an episode that ends where it began may seem to have come nearer: the foot is that far ahead of the base."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,11 @@ class Episodes:
     def missed(self) -> np.ndarray:
         """(E,) bool, ended without a fall further than ``MISSED`` from the target."""
         return ~self.fell & (self.error > MISSED)
+
+    @property
+    def stayed(self) -> np.ndarray:
+        """(E,) bool, missed and ended about as far from the target as the base was from it at the start."""
+        return self.missed & (self.error > self.conditions["target_distance_m"] - STAYED)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All of it by name, the conditions behind a slash."""

@@ -53,6 +53,19 @@ def test_figures_by_hand():
     )
 
 
+def test_who_missed_and_never_came_nearer():
+    """Somebody who touched, one who fell where it began, one who stayed, one who came half of the way."""
+    played = Episodes(
+        error=np.array([0.01, 1.5, 1.4, 0.8]),
+        fell=np.array([False, True, False, False]),
+        above_limit=np.zeros((4, 2)),
+        substeps=np.ones(4),
+        conditions={"target_distance_m": np.array([0.3, 1.5, 1.6, 1.5])},
+    )
+    assert played.missed.tolist() == [False, False, True, True]
+    assert played.stayed.tolist() == [False, False, True, False]
+
+
 def test_an_episode_counts_until_it_ends_and_never_after(solo12, policies, short, monkeypatch):
     """Bug B15: the original's last row is the state after the reset, and fallen worlds start anew.
 

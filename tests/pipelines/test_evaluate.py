@@ -45,7 +45,7 @@ def two_seeds(monkeypatch, tmp_path):
             np.zeros(episodes, dtype=bool),
             np.zeros((episodes, 4)),
             np.full(episodes, 2000.0),
-            {"friction": np.linspace(0.4, 1.5, episodes)},
+            {"friction": np.linspace(0.4, 1.5, episodes), "target_distance_m": np.full(episodes, 1.5)},
         )
 
     monkeypatch.setattr(evaluate, "load_policies", load)
