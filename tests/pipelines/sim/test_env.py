@@ -25,6 +25,7 @@ from lacoloco.pipelines.sim.tasks import (
     walk_task,
 )
 from lacoloco.robots.registry import load_robot
+from lacoloco.robots.scene import compile_scene
 
 WORLDS = 4
 
@@ -448,7 +449,7 @@ def test_b7_spread_joint_angles_start_with_the_feet_on_the_ground_not_in_it(robo
     spec = load_robot(robot)
     task = replace(walk_task(spec), noise=0.0, randomisation=NO_RANDOMISATION)
     env = LeggedEnv(spec, task, 16, seed=0)
-    model = spec.compile()
+    model = compile_scene(spec)
     data = mujoco.MjData(model)
     for qpos in env.physics.qpos.numpy():
         data.qpos[:] = qpos
