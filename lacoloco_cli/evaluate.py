@@ -104,7 +104,7 @@ def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path
 
 
 def show(answer: Mapping[str, Any]) -> None:
-    """Print a row per policy, who of those that missed never came nearer and where failures crowd, then mean and spread over seeds, then the best."""
+    """Print a row per policy, who stayed and where failures crowd, mean and spread over seeds, the best."""
     from lacoloco.pipelines.conditions import describe
 
     rows = answer["rows"]
