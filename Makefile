@@ -37,7 +37,7 @@ build: $(VENV)/.dev
 	$(BIN)/python -m build
 
 clean:
-	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .hypothesis MUJOCO_LOG.TXT
+	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis MUJOCO_LOG.TXT
 	find . -name __pycache__ -not -path "./$(VENV)/*" -prune -exec rm -rf {} +
 
 # pip is upgraded first: the one that comes with Python 3.11 knows no dependency groups.
