@@ -22,7 +22,16 @@ MOST_BYTES = 15_000_000
 """All published artifacts together: they travel with every installation."""
 
 _NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
-_RECORDED = ("schema", "robot", "seed", "created", "command", "lacoloco_version", "git_commit", "content_hash")
+_RECORDED = (
+    "schema",
+    "robot",
+    "seed",
+    "created",
+    "command",
+    "lacoloco_version",
+    "git_commit",
+    "content_hash",
+)
 
 
 def publish(artifact: Path, name: str) -> Path:
@@ -43,7 +52,9 @@ def publish(artifact: Path, name: str) -> Path:
     if not _NAME.fullmatch(name):
         raise DatasetError(f"'{name}': use lower-case letters and digits, joined by hyphens")
     if published.find(name) is not None:
-        raise DatasetError(f"'{name}' is published already and is never replaced; choose another name")
+        raise DatasetError(
+            f"'{name}' is published already and is never replaced; choose another name"
+        )
     if not provenance.git_commit():
         raise DatasetError("publishing is for a git checkout of lacoloco, which this is not")
     read_artifact(artifact)
@@ -51,24 +62,40 @@ def publish(artifact: Path, name: str) -> Path:
     for ancestor in ancestors:
         _check(ancestor)
     _check_size(artifact)
-    record = {"name": name, "sha256": hash_file(artifact), "lineage": [_describe(a) for a in ancestors]}
-    write_file(published.FOLDER / f"{name}.json", json.dumps(record, indent=1).encode() + b"\n", replace=True)
+    record = {
+        "name": name,
+        "sha256": hash_file(artifact),
+        "lineage": [_describe(a) for a in ancestors],
+    }
+    write_file(
+        published.FOLDER / f"{name}.json",
+        json.dumps(record, indent=1).encode() + b"\n",
+        replace=True,
+    )
     return write_file(published.FOLDER / f"{name}.h5", artifact.read_bytes())
 
 
 def total_bytes() -> int:
     """Size of everything published, lineage included."""
-    return sum(file.stat().st_size for file in published.FOLDER.iterdir() if file.suffix in (".h5", ".json"))
+    return sum(
+        file.stat().st_size
+        for file in published.FOLDER.iterdir()
+        if file.suffix in (".h5", ".json")
+    )
 
 
 def _check(ancestor: Ancestor) -> None:
     path, header = ancestor.path, ancestor.header
     if ancestor.state != "ok":
-        raise DatasetError(f"{path}: is {ancestor.state}, so the lineage cannot be recorded; make the artifact again")
+        raise DatasetError(
+            f"{path}: is {ancestor.state}, so the lineage cannot be recorded; make the artifact again"
+        )
     if header is None:
         own = path.resolve().is_relative_to(Path(samples.__file__).resolve().parent)
         if not own:
-            raise DatasetError(f"{path}: only what derives from lacoloco's own samples may be published")
+            raise DatasetError(
+                f"{path}: only what derives from lacoloco's own samples may be published"
+            )
         return
     if path.resolve().parent == published.FOLDER.resolve():
         return  # has passed before
@@ -77,7 +104,9 @@ def _check(ancestor: Ancestor) -> None:
             f"{path}: made by code that was not committed ({header.git_commit or 'no checkout'}); commit and make it again"
         )
     if ancestor.depth == 0 and any(Path(parent.path).is_absolute() for parent in header.parents):
-        raise DatasetError(f"{path}: names a parent by its place on this machine; make both in one runs directory")
+        raise DatasetError(
+            f"{path}: names a parent by its place on this machine; make both in one runs directory"
+        )
 
 
 def _check_size(artifact: Path) -> None:

@@ -112,7 +112,9 @@ def show(answer: Mapping[str, Any]) -> None:
     for row in rows:
         who = f"{row['method']} seed {row['seed']}"
         if row["missed"]:
-            typer.echo(f"{who}, missed: {row['stayed']} of {row['missed']} end about as far away as they began")
+            typer.echo(
+                f"{who}, missed: {row['stayed']} of {row['missed']} end about as far away as they began"
+            )
         for crowd in row["crowds"]:
             typer.echo(f"{who}, {describe(crowd)}")
     for method, figures in answer["summary"].items():

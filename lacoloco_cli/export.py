@@ -18,7 +18,9 @@ def export(
     session: Session,
     policy: Annotated[
         Path | None,
-        typer.Option("--policy", help="High-level policy, or its published name; default: the run's best."),
+        typer.Option(
+            "--policy", help="High-level policy, or its published name; default: the run's best."
+        ),
     ] = None,
 ) -> None:
     """Write both levels as ONNX files that carry all a robot needs, checked against torch."""

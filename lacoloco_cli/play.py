@@ -106,7 +106,9 @@ def draw_figure(
     config = session.config(stage.PRESETS)
     check_writable("--figure", figure)
     policy = resolve(policy) if policy else best(session)
-    result = stage.run(config, session.context(), policy=policy, motions=[resolve(one) for one in motions])
+    result = stage.run(
+        config, session.context(), policy=policy, motions=[resolve(one) for one in motions]
+    )
     copy_to("--figure", Path(result.metrics["picture"]), figure)
     answer = {"artifact": path_text(result.artifact), **result.metrics, "picture": str(figure)}
 

@@ -30,7 +30,9 @@ Methods = Annotated[
 ]
 Executor = Annotated[
     str | None,
-    typer.Option("--executor", metavar="local|slurm", help="Where the jobs run.", show_default="local"),
+    typer.Option(
+        "--executor", metavar="local|slurm", help="Where the jobs run.", show_default="local"
+    ),
 ]
 Jobs = Annotated[
     int | None,

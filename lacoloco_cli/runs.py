@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from lacoloco.datasets.lineage import Ancestor
     from lacoloco.datasets.store import RunStore
 
-app = typer.Typer(no_args_is_help=True, help="List, show, plot, verify and publish what lies in runs/.")
+app = typer.Typer(
+    no_args_is_help=True, help="List, show, plot, verify and publish what lies in runs/."
+)
 app.add_typer(plot.app)
 app.add_typer(publish.app)
 

@@ -18,7 +18,8 @@ def track(
     motions: Annotated[
         list[Path] | None,
         typer.Option(
-            "--motions", help="Motions, or their published name; may be repeated; default: the run's newest retargeted ones."
+            "--motions",
+            help="Motions, or their published name; may be repeated; default: the run's newest retargeted ones.",
         ),
     ] = None,
 ) -> None:
@@ -27,6 +28,10 @@ def track(
     from lacoloco.pipelines import track as stage
 
     config = session.config(stage.PRESETS)
-    sources = [resolve(one) for one in motions] if motions else [session.store.newest(session.run_name, "retarget")]
+    sources = (
+        [resolve(one) for one in motions]
+        if motions
+        else [session.store.newest(session.run_name, "retarget")]
+    )
     result = stage.run(config, session.context(), motions=sources)
     session.answer({"artifact": path_text(result.artifact), **result.metrics})

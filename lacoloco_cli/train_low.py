@@ -68,9 +68,13 @@ def newest_motions(session: Session) -> list[Path]:
     from lacoloco.datasets.artifact import read_header
 
     store, run = session.store, session.run_name
-    generated, performed, retargeted = (store.all(run, verb)[-1:] for verb in ("generate", "track", "retarget"))
+    generated, performed, retargeted = (
+        store.all(run, verb)[-1:] for verb in ("generate", "track", "retarget")
+    )
     if performed and retargeted:
         followed = [parent.locate(performed[0]) for parent in read_header(performed[0]).parents]
         if retargeted[0].absolute() not in followed:
-            session.progress.say("`lacoloco track` has not followed the newest retargeted motions: taking those it did")
+            session.progress.say(
+                "`lacoloco track` has not followed the newest retargeted motions: taking those it did"
+            )
     return generated + (performed or retargeted) or [store.newest(run, "generate")]

@@ -70,7 +70,9 @@ PRESETS: dict[str, Callable[[], BenchConfig]] = {
 }
 
 
-def bench_sim(config: BenchConfig, *, robot: str = "solo12", task: str = "walk", device: str = "cpu") -> dict[str, Any]:
+def bench_sim(
+    config: BenchConfig, *, robot: str = "solo12", task: str = "walk", device: str = "cpu"
+) -> dict[str, Any]:
     """The environment loop: physics, rewards, constraints, resets, observations, under random actions.
 
     Returns:
@@ -102,7 +104,12 @@ def bench_sim(config: BenchConfig, *, robot: str = "solo12", task: str = "walk",
 
 
 def bench_train(
-    config: BenchConfig, *, robot: str = "solo12", disc: str = "drail", cat: bool = True, device: str = "cpu"
+    config: BenchConfig,
+    *,
+    robot: str = "solo12",
+    disc: str = "drail",
+    cat: bool = True,
+    device: str = "cpu",
 ) -> dict[str, Any]:
     """The whole low-level training with the configuration of ``config.recipe``, on clips made up here.
 
@@ -115,11 +122,17 @@ def bench_train(
     """
     spec, preset = load_robot(robot), train_low.PRESETS[config.recipe]()
     if config.worlds < preset.worlds:  # a smoke test
-        preset = replace(preset, ppo=replace(preset.ppo, horizon=min(config.steps, preset.ppo.horizon)))
+        preset = replace(
+            preset, ppo=replace(preset.ppo, horizon=min(config.steps, preset.ppo.horizon))
+        )
         batch = max(64, preset.ase.batch * config.worlds // preset.worlds)
         preset = replace(preset, ase=replace(preset.ase, batch=batch))
-    preset = replace(preset, worlds=config.worlds, cat=cat, ase=replace(preset.ase, discriminator=disc))
-    preset = replace(preset, coverage_every=0)  # at some numbers of worlds it would fall into every measured iteration
+    preset = replace(
+        preset, worlds=config.worlds, cat=cat, ase=replace(preset.ase, discriminator=disc)
+    )
+    preset = replace(
+        preset, coverage_every=0
+    )  # at some numbers of worlds it would fall into every measured iteration
     library = MotionLibrary(made_up_clips(spec, config.clips), device=device)
     trainer = LowTrainer(spec, library, preset, seed=0, device=device)
     engine, wait = bare_engine(trainer.env.physics), _wait_for(device)
@@ -139,16 +152,28 @@ def bench_train(
     }
 
 
-def made_up_clips(spec: RobotSpec, count: int, seconds: float = 10.0, fps: float = 50.0) -> list[Clip]:
+def made_up_clips(
+    spec: RobotSpec, count: int, seconds: float = 10.0, fps: float = 50.0
+) -> list[Clip]:
     """Clips of the size of the paper's: the base glides forward while every joint swings around its default."""
     times = np.arange(round(seconds * fps)) / fps
-    forward = np.column_stack([0.3 * times, 0.0 * times, np.full_like(times, spec.default_height())])
+    forward = np.column_stack(
+        [0.3 * times, 0.0 * times, np.full_like(times, spec.default_height())]
+    )
     clips = []
     for index in range(count):
-        swing = 0.2 * np.sin(2.0 * np.pi * (2.0 * times[:, None] + np.arange(spec.num_joints) / 4 + index / 7))
+        swing = 0.2 * np.sin(
+            2.0 * np.pi * (2.0 * times[:, None] + np.arange(spec.num_joints) / 4 + index / 7)
+        )
         joints = np.asarray(spec.default_joint_pos) + swing
         clip = Clip.from_poses(
-            f"clip_{index}", fps, spec.joint_names, forward, from_yaw(0.0 * times), joints, skill="walk"
+            f"clip_{index}",
+            fps,
+            spec.joint_names,
+            forward,
+            from_yaw(0.0 * times),
+            joints,
+            skill="walk",
         )
         clips.append(clip)
     return clips
@@ -186,7 +211,13 @@ def _wait_for(device: str) -> Callable[[], None]:
 
 def _facts(env: LeggedEnv, robot: str, device: str) -> dict[str, Any]:
     engine = type(env.physics).__name__
-    return {"robot": robot, "device": device, "engine": engine, "worlds": env.num_worlds, "cores": cores()}
+    return {
+        "robot": robot,
+        "device": device,
+        "engine": engine,
+        "worlds": env.num_worlds,
+        "cores": cores(),
+    }
 
 
 def _rates(samples: int, loops: list[float], bare: list[float]) -> dict[str, float]:
@@ -197,10 +228,22 @@ def _rates(samples: int, loops: list[float], bare: list[float]) -> dict[str, flo
     }
 
 
-def _sim_shares(env: LeggedEnv, steps: int, rounds: int, wait: Callable[[], None]) -> dict[str, float]:
+def _sim_shares(
+    env: LeggedEnv, steps: int, rounds: int, wait: Callable[[], None]
+) -> dict[str, float]:
     watch = Stopwatch(wait)
-    parts = {"step": "constraints, ends of episodes", "reset": "resets", "observe": "observations", "_reward": "rewards"}
-    for method, name in {**parts, "_read": "state", "_push": "pushes", "_resample": "commands"}.items():
+    parts = {
+        "step": "constraints, ends of episodes",
+        "reset": "resets",
+        "observe": "observations",
+        "_reward": "rewards",
+    }
+    for method, name in {
+        **parts,
+        "_read": "state",
+        "_push": "pushes",
+        "_resample": "commands",
+    }.items():
         watch.watch(env, method, name)
     watch.watch(env.physics, "step", "physics")
     for _ in range(rounds):
@@ -208,7 +251,9 @@ def _sim_shares(env: LeggedEnv, steps: int, rounds: int, wait: Callable[[], None
     return watch.shares()
 
 
-def _train_shares(trainer: LowTrainer, iterations: int, wait: Callable[[], None]) -> dict[str, float]:
+def _train_shares(
+    trainer: LowTrainer, iterations: int, wait: Callable[[], None]
+) -> dict[str, float]:
     watch, env, learner = Stopwatch(wait), trainer.env, trainer.algorithm
     for owner, name, methods in (
         (trainer, "rest of the loop", ("iterate",)),

@@ -59,14 +59,20 @@ def chosen_methods(text: str) -> list[str]:
     Raises:
         StageError: a name that is no method.
     """
-    names = list(METHODS) if text == "all" else [name.strip() for name in text.split(",") if name.strip()]
+    names = (
+        list(METHODS)
+        if text == "all"
+        else [name.strip() for name in text.split(",") if name.strip()]
+    )
     unknown = [name for name in names if name not in METHODS]
     if unknown or not names:
         raise StageError(f"--methods {text}: use all, or some of {', '.join(METHODS)}")
     return list(dict.fromkeys(names))
 
 
-def members(store: RunStore, run: str, methods: Iterable[str], seeds: Iterable[int]) -> list[Member]:
+def members(
+    store: RunStore, run: str, methods: Iterable[str], seeds: Iterable[int]
+) -> list[Member]:
     """Every member, method by method, as the run shows it."""
     return [_look(store, run, Member(method, seed)) for method, seed in product(methods, seeds)]
 
@@ -122,7 +128,9 @@ def run_members(
         progress.advance(count)
     progress.stop()
     policies = [member.high for member in found.values() if member.high is not None]
-    evaluation = experiments.evaluate(name, context, preset=preset, policies=policies) if policies else None
+    evaluation = (
+        experiments.evaluate(name, context, preset=preset, policies=policies) if policies else None
+    )
     return list(found.values()), evaluation
 
 
@@ -130,7 +138,9 @@ def train_member(
     name: str, root: str, run: str, preset: str, method: str, seed: int, device: str, command: str
 ) -> None:
     """Both levels of one member, as far as they are not there: what a job does."""
-    context = StageContext(RunStore(Path(root)), run, seed=seed, device=device, resume=True, command=command)
+    context = StageContext(
+        RunStore(Path(root)), run, seed=seed, device=device, resume=True, command=command
+    )
     experiments.train_both(name, context, preset=preset, method=method)
 
 
@@ -157,5 +167,10 @@ def _samples(directory: Path) -> int:
     try:
         last = (directory / "metrics.jsonl").read_text().splitlines()[-1]
         return int(json.loads(last)["samples"])
-    except (OSError, IndexError, ValueError, KeyError):  # nothing logged yet, or a line is being written
+    except (
+        OSError,
+        IndexError,
+        ValueError,
+        KeyError,
+    ):  # nothing logged yet, or a line is being written
         return 0

@@ -8,10 +8,23 @@ from typing import Any
 
 from lacoloco.pipelines.errors import StageError
 
-METHODS = {"gan": ("gan", False), "drail": ("drail", False), "gan-cat": ("gan", True), "drail-cat": ("drail", True)}
+METHODS = {
+    "gan": ("gan", False),
+    "drail": ("drail", False),
+    "gan-cat": ("gan", True),
+    "drail-cat": ("drail", True),
+}
 """The paper's four methods: discriminator, and whether the foot forces are constrained."""
-STAGES = {"generate": "generate", "retarget": "retarget", "track": "track", "train-low": "train_low", "train-high": "train_high",
-          "eval": "evaluate", "export": "export", "play": "playback"}
+STAGES = {
+    "generate": "generate",
+    "retarget": "retarget",
+    "track": "track",
+    "train-low": "train_low",
+    "train-high": "train_high",
+    "eval": "evaluate",
+    "export": "export",
+    "play": "playback",
+}
 """Verb -> module of ``lacoloco.pipelines``, in the order of the chain."""
 FOLLOWS = {"track": "retarget"}
 """Maker of motions -> the maker whose motions it takes."""
@@ -52,7 +65,9 @@ EXPERIMENTS = {
         decisions=600_000,
         start_from=("solo12-synthetic-low", "solo12-synthetic"),
     ),
-    "solo12-synthetic": Experiment("solo12", ("generate",), ("generate",), "walking and reaching experts"),
+    "solo12-synthetic": Experiment(
+        "solo12", ("generate",), ("generate",), "walking and reaching experts"
+    ),
     "solo12-dog": Experiment(
         "solo12",
         ("retarget", "track"),

@@ -66,11 +66,22 @@ def crowds(failures: Mapping[str, np.ndarray], given: Mapping[str, np.ndarray]) 
             quarter = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, QUARTERS - 1)
             counts = np.bincount(quarter[failed], minlength=QUARTERS)
             sizes = np.bincount(quarter, minlength=QUARTERS) / len(values)
-            excess = (counts - total * sizes) / np.sqrt(np.maximum(total * sizes * (1 - sizes), 1e-9))
+            excess = (counts - total * sizes) / np.sqrt(
+                np.maximum(total * sizes * (1 - sizes), 1e-9)
+            )
             worst = int(excess.argmax())
             if excess[worst] > CLEARLY:
                 low, high = edges[worst : worst + 2]
-                found.append(Crowd(failure=failure, condition=condition, low=float(low), high=float(high), count=int(counts[worst]), of=total))
+                found.append(
+                    Crowd(
+                        failure=failure,
+                        condition=condition,
+                        low=float(low),
+                        high=float(high),
+                        count=int(counts[worst]),
+                        of=total,
+                    )
+                )
     return found
 
 

@@ -54,7 +54,12 @@ class Behaviour:
         """Shares that fall, reach, walk (and do not reach) and stand (none of these); they add up to 1."""
         reach = (self.lift > REACH_HEIGHT) & ~self.fell
         walk = (self.speed > WALK_SPEED) & ~self.fell & ~reach
-        kinds = {"walk": walk, "reach": reach, "fall": self.fell, "stand": ~(walk | reach | self.fell)}
+        kinds = {
+            "walk": walk,
+            "reach": reach,
+            "fall": self.fell,
+            "stand": ~(walk | reach | self.fell),
+        }
         return {name: float(mask.float().mean()) for name, mask in kinds.items()}
 
     def distribution(self) -> dict[str, float]:
@@ -63,7 +68,10 @@ class Behaviour:
         for name, values in (("speed", self.speed), ("lift", self.lift)):
             values = torch.zeros(1) if self.fell.all() else values[~self.fell]
             figures[name] = float(values.mean())
-            figures |= {f"{name}_{label}": float(values.quantile(share)) for label, share in QUANTILES.items()}
+            figures |= {
+                f"{name}_{label}": float(values.quantile(share))
+                for label, share in QUANTILES.items()
+            }
         return figures
 
 
@@ -74,7 +82,13 @@ class SkillCoverage:
     """
 
     def __init__(
-        self, spec: RobotSpec, library: MotionLibrary, *, latents: int = 256, seconds: float = 3.0, seed: int = 0
+        self,
+        spec: RobotSpec,
+        library: MotionLibrary,
+        *,
+        latents: int = 256,
+        seconds: float = 3.0,
+        seed: int = 0,
     ) -> None:
         """Let ``latents`` robots stand and look at the clips once; a latent will be held for ``seconds``."""
         self.seed, self.steps = seed, round(seconds / CONTROL_DT)
@@ -86,7 +100,10 @@ class SkillCoverage:
         window = (self.steps - self.steps // 2) * CONTROL_DT
         clips = clip_behaviour(spec, library, window, self._standing_height, seed)
         self._spread = clips.frame.std(dim=0).clamp_min(1e-3)
-        self.clips = {f"clips_{name}": value for name, value in (clips.shares() | clips.distribution()).items()}
+        self.clips = {
+            f"clips_{name}": value
+            for name, value in (clips.shares() | clips.distribution()).items()
+        }
         """The clips' own shares, means and quantiles, named like the latents' with ``clips_`` for ``coverage_``."""
 
     def measure(self, policy: Policy) -> dict[str, float]:
@@ -141,9 +158,13 @@ def clip_behaviour(
     for step in range(max(1, round(seconds / CONTROL_DT))):
         state = RobotState.from_motion(library.frames(clips, begin + step * CONTROL_DT))
         speeds.append(state.lin_vel_b[:, :2].norm(dim=-1))
-        heights.append(tip(torch.cat((state.root_pos, state.root_quat, state.joint_pos), dim=-1))[:, 2])
+        heights.append(
+            tip(torch.cat((state.root_pos, state.root_quat, state.joint_pos), dim=-1))[:, 2]
+        )
         frames.append(style_frame(state))
-    return _behaviour(speeds, heights, frames, torch.zeros_like(clips, dtype=torch.bool), standing_height)
+    return _behaviour(
+        speeds, heights, frames, torch.zeros_like(clips, dtype=torch.bool), standing_height
+    )
 
 
 def clip_means(library: MotionLibrary, samples: int = 64) -> torch.Tensor:
@@ -162,10 +183,17 @@ def _behaviour(
     standing_height: float,
 ) -> Behaviour:
     last = torch.stack(tuple(heights[-round(REACH_SECONDS / CONTROL_DT) :])) - standing_height
-    return Behaviour(torch.stack(tuple(speeds)).mean(0), last.mean(0), torch.stack(tuple(frames)).mean(0), fell)
+    return Behaviour(
+        torch.stack(tuple(speeds)).mean(0), last.mean(0), torch.stack(tuple(frames)).mean(0), fell
+    )
 
 
 def _standing_env(spec: RobotSpec, worlds: int, seed: int, device: torch.device) -> LeggedEnv:
     still = ResetConfig(clip_share=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0))
-    task = replace(imitate_task(spec, constrained=False), noise=0.0, reset=still, randomisation=NO_RANDOMISATION)
+    task = replace(
+        imitate_task(spec, constrained=False),
+        noise=0.0,
+        reset=still,
+        randomisation=NO_RANDOMISATION,
+    )
     return LeggedEnv(spec, task, worlds, seed=seed, device=str(device))

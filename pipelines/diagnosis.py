@@ -34,7 +34,13 @@ STILL_SPEED = 0.03
 
 def low_level_warnings(history: History) -> list[str]:
     """All that holds of a low level's training now."""
-    checks = (discriminator_saturated, latents_ignored, mode_collapse, policy_just_stands, reward_hacked_by_resets)
+    checks = (
+        discriminator_saturated,
+        latents_ignored,
+        mode_collapse,
+        policy_just_stands,
+        reward_hacked_by_resets,
+    )
     return _all(checks, history)
 
 
@@ -71,7 +77,11 @@ def mode_collapse(history: History) -> str | None:
     latest = _latest(history, "coverage_walk")
     shares = {name: latest.get(f"coverage_{name}", 0.0) for name in ("walk", "reach", "fall")}
     kind = max(shares, key=lambda name: shares[name])
-    shown = [name for name in ("walk", "reach", "stand") if latest.get(f"clips_{name}", 0.0) >= SKILL_SHARE]
+    shown = [
+        name
+        for name in ("walk", "reach", "stand")
+        if latest.get(f"clips_{name}", 0.0) >= SKILL_SHARE
+    ]
     if shares[kind] > COLLAPSED and len(shown) > 1:
         return (
             f"mode collapse: {shares[kind]:.0%} of the latents {kind}, the clips {' and '.join(shown)}; try a larger"

@@ -50,7 +50,9 @@ class EvalConfig:
         for name in ("friction", "mass_scale"):
             given = getattr(self, name)
             if given is not None and not 0.0 < given[0] <= given[1] < float("inf"):
-                raise StageError(f"--set {name}={given}: use two positive numbers, the lower one first")
+                raise StageError(
+                    f"--set {name}={given}: use two positive numbers, the lower one first"
+                )
 
     def randomisation(self, usual: Randomisation) -> Randomisation:
         """The task's, with the ranges given here."""
@@ -79,11 +81,17 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
     for index, path in enumerate(policies):
         artifact, loaded = load_policies(path, "low", "high", device=context.device)
         spec = load_robot(artifact.robot)
-        context.progress.start(f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes)
+        context.progress.start(
+            f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes
+        )
         randomisation = config.randomisation(reach_task(spec).randomisation)
         shared = {"worlds": config.worlds, "device": context.device, "randomisation": randomisation}
-        reported = play_episodes(spec, loaded, config.episodes, seed=TEST_SEED, progress=context.progress, **shared)
-        chosen = play_episodes(spec, loaded, config.selection_episodes, seed=SELECTION_SEED, **shared)
+        reported = play_episodes(
+            spec, loaded, config.episodes, seed=TEST_SEED, progress=context.progress, **shared
+        )
+        chosen = play_episodes(
+            spec, loaded, config.selection_episodes, seed=SELECTION_SEED, **shared
+        )
         rows.append(_row(artifact, path, config, reported, chosen))
         arrays |= {f"{index}/{name}": value for name, value in reported.arrays().items()}
         context.progress.stop()
@@ -111,11 +119,16 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
         for figure in FIGURES:
             values = np.array([row[figure] for row in rows if row["method"] == method])
             entry = result.setdefault(method, {"seeds": len(values)})
-            entry[f"{figure}_mean"], entry[f"{figure}_spread"] = float(values.mean()), float(values.std())
+            entry[f"{figure}_mean"], entry[f"{figure}_spread"] = (
+                float(values.mean()),
+                float(values.std()),
+            )
     return result
 
 
-def _row(artifact: Artifact, path: Path, config: EvalConfig, reported: Episodes, chosen: Episodes) -> dict[str, Any]:
+def _row(
+    artifact: Artifact, path: Path, config: EvalConfig, reported: Episodes, chosen: Episodes
+) -> dict[str, Any]:
     return {
         "method": artifact.metadata["method"],
         "seed": artifact.seed,

@@ -57,7 +57,9 @@ def run(
     chain = _Chain(experiment, context, preset, method, list(mocap))
     low = None if from_scratch or mocap else published_low(experiment, method)
     if low is not None:
-        context.progress.say(f"starting from the published low level {low.stem}; --from-scratch trains another one")
+        context.progress.say(
+            f"starting from the published low level {low.stem}; --from-scratch trains another one"
+        )
     return list(chain.run(range(context.seed, context.seed + seeds), low))
 
 
@@ -67,10 +69,14 @@ def published_low(experiment: Experiment, method: str) -> Path | None:
     from lacoloco.datasets.artifact import read_header
 
     found = [path for name in experiment.start_from if (path := published.find(name)) is not None]
-    return next((path for path in found if read_header(path).metadata.get("method") == method), None)
+    return next(
+        (path for path in found if read_header(path).metadata.get("method") == method), None
+    )
 
 
-def make_motions(name: str, context: StageContext, *, preset: str, mocap: Sequence[Path] = ()) -> list[Path]:
+def make_motions(
+    name: str, context: StageContext, *, preset: str, mocap: Sequence[Path] = ()
+) -> list[Path]:
     """The motions that an experiment's low level learns from; those that are there already are kept.
 
     Raises:
@@ -80,7 +86,10 @@ def make_motions(name: str, context: StageContext, *, preset: str, mocap: Sequen
     learn_from = chain.experiment.learn_from
     needed = {*learn_from, *(FOLLOWS[maker] for maker in learn_from if maker in FOLLOWS)}
     makers = [maker for maker in chain.experiment.makers if maker in needed]
-    made = {maker: chain.stage(maker, chain.context, **chain.sources(maker)).artifact for maker in makers}
+    made = {
+        maker: chain.stage(maker, chain.context, **chain.sources(maker)).artifact
+        for maker in makers
+    }
     return [made[maker] for maker in learn_from]
 
 
@@ -110,7 +119,11 @@ def evaluate(name: str, context: StageContext, *, preset: str, policies: Sequenc
 
 
 def _resuming(
-    name: str, context: StageContext, preset: str, method: str = "drail-cat", mocap: Sequence[Path] = ()
+    name: str,
+    context: StageContext,
+    preset: str,
+    method: str = "drail-cat",
+    mocap: Sequence[Path] = (),
 ) -> _Chain:
     experiment = known(EXPERIMENTS, name, "experiment")
     known(METHODS, method, "method")
@@ -121,9 +134,20 @@ class _Chain:
     """Runs one experiment's stages in order, feeding each the newest artifacts of those before it."""
 
     def __init__(
-        self, experiment: Experiment, context: StageContext, preset: str, method: str, mocap: list[Path]
+        self,
+        experiment: Experiment,
+        context: StageContext,
+        preset: str,
+        method: str,
+        mocap: list[Path],
     ) -> None:
-        self.experiment, self.context, self.preset, self.method, self.mocap = experiment, context, preset, method, mocap
+        self.experiment, self.context, self.preset, self.method, self.mocap = (
+            experiment,
+            context,
+            preset,
+            method,
+            mocap,
+        )
 
     def run(self, seeds: range, published: Path | None = None) -> Iterator[Outcome]:
         """All stages in order; with a ``published`` low level, only what comes after it."""
@@ -160,7 +184,11 @@ class _Chain:
         """Run one stage; with ``context.resume``, keep it where it is complete and go on where it is not."""
         module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
         config = self._config(module, verb)
-        done = self._done(verb, context.seed) if context.resume and verb not in ("play", "eval", "export") else None
+        done = (
+            self._done(verb, context.seed)
+            if context.resume and verb not in ("play", "eval", "export")
+            else None
+        )
         begin = time.monotonic()
         if done is not None:
             return Outcome(verb, 0.0, "kept", done)
@@ -168,15 +196,21 @@ class _Chain:
         # What takes long in generate, and has checkpoints, is the training of its experts.
         worked_in = "experts" if verb == "generate" else verb
         unfinished = bool(context.store.partials(context.run, worked_in, label))
-        result: StageResult = module.run(config, replace(context, resume=context.resume and unfinished), **inputs)
-        return Outcome(verb, time.monotonic() - begin, headline(verb, result.metrics), result.artifact)
+        result: StageResult = module.run(
+            config, replace(context, resume=context.resume and unfinished), **inputs
+        )
+        return Outcome(
+            verb, time.monotonic() - begin, headline(verb, result.metrics), result.artifact
+        )
 
     def _config(self, module: Any, verb: str) -> Any:
         config = known(module.PRESETS, self.preset, "preset")()
         config = replace(config, **self.experiment.settings.get(verb, {}))
         if verb == "train-low":
             discriminator, constrained = METHODS[self.method]
-            config = replace(config, cat=constrained, ase=replace(config.ase, discriminator=discriminator))
+            config = replace(
+                config, cat=constrained, ase=replace(config.ase, discriminator=discriminator)
+            )
         if verb == "eval":
             config = replace(config, episodes=min(config.episodes, self.experiment.episodes))
         if verb == "train-high" and self.experiment.decisions is not None:
@@ -189,7 +223,9 @@ class _Chain:
         for path in reversed(self.context.store.all(self.context.run, verb)):
             header = read_header(path)
             trained = verb in ("train-low", "train-high")
-            if not trained or (header.seed == seed and header.metadata.get("method") == self.method):
+            if not trained or (
+                header.seed == seed and header.metadata.get("method") == self.method
+            ):
                 return path
         return None
 
@@ -210,17 +246,27 @@ def headline(verb: str, metrics: dict[str, Any]) -> str:
 
 
 HEADLINES: dict[str, Callable[[dict[str, Any]], str]] = {
-    "generate": lambda m: f"{m['clips']} clips, {m['seconds']:.0f} s; walking error {m['walk_error_mean']:.3f} m/s, "
-    f"reaching error {100 * m['reach_error_mean']:.1f} cm",
+    "generate": lambda m: (
+        f"{m['clips']} clips, {m['seconds']:.0f} s; walking error {m['walk_error_mean']:.3f} m/s, "
+        f"reaching error {100 * m['reach_error_mean']:.1f} cm"
+    ),
     "retarget": lambda m: f"{m['frames_per_second']:.0f} frames/s",
-    "track": lambda m: f"{m['pieces']} pieces, {100 * m['kept']:.0f} % of the clips; speed {m['speed']:.2f} m/s "
-    f"(clips {m['clip_speed']:.2f})",
-    "train-low": lambda m: f"{m['samples'] / 1e6:.1f} M samples, {m['samples_per_second']:.0f}/s; speed "
-    f"{m['speed']:.2f} m/s (clips {m['clip_speed']:.2f}), latents that walk {100 * m['coverage_walk']:.0f} %, "
-    f"reach {100 * m['coverage_reach']:.0f} %",
-    "train-high": lambda m: f"error {100 * m['trained_error']:.1f} cm, untrained {100 * m['untrained_error']:.1f} cm",
-    "eval": lambda m: f"error {100 * m['best']['ee_error_mean_m']:.1f} +- {100 * m['best']['ee_error_std_m']:.1f} cm, "
-    f"violation {m['best']['contact_violation_pct']:.2f} %, falls {m['best']['falls_pct']:.2f} %",
+    "track": lambda m: (
+        f"{m['pieces']} pieces, {100 * m['kept']:.0f} % of the clips; speed {m['speed']:.2f} m/s "
+        f"(clips {m['clip_speed']:.2f})"
+    ),
+    "train-low": lambda m: (
+        f"{m['samples'] / 1e6:.1f} M samples, {m['samples_per_second']:.0f}/s; speed "
+        f"{m['speed']:.2f} m/s (clips {m['clip_speed']:.2f}), latents that walk {100 * m['coverage_walk']:.0f} %, "
+        f"reach {100 * m['coverage_reach']:.0f} %"
+    ),
+    "train-high": lambda m: (
+        f"error {100 * m['trained_error']:.1f} cm, untrained {100 * m['untrained_error']:.1f} cm"
+    ),
+    "eval": lambda m: (
+        f"error {100 * m['best']['ee_error_mean_m']:.1f} +- {100 * m['best']['ee_error_std_m']:.1f} cm, "
+        f"violation {m['best']['contact_violation_pct']:.2f} %, falls {m['best']['falls_pct']:.2f} %"
+    ),
     "export": lambda m: f"low.onnx, high.onnx; largest difference {m['max_abs_difference']:.1g}",
     "play": lambda m: str(m["html"]),
 }

@@ -42,7 +42,11 @@ class ExpertConfig:
     std: tuple[float, float] = (0.5, 0.15)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
-            horizon=24, learning_rate=2e-4, min_learning_rate=5e-5, max_learning_rate=3e-3, desired_kl=0.02
+            horizon=24,
+            learning_rate=2e-4,
+            min_learning_rate=5e-5,
+            max_learning_rate=3e-3,
+            desired_kl=0.02,
         )
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
@@ -77,7 +81,9 @@ def clean(task: Task) -> Task:
 class ExpertTrainer:
     """PPO + CaT on one task; see :class:`lacoloco.pipelines.training.Trainer`."""
 
-    def __init__(self, spec: RobotSpec, task_name: str, config: ExpertConfig, *, seed: int, device: str) -> None:
+    def __init__(
+        self, spec: RobotSpec, task_name: str, config: ExpertConfig, *, seed: int, device: str
+    ) -> None:
         """Build the environment and the learner."""
         torch.manual_seed(seed)
         # Nobody deploys an expert, so it may see clearly; but its clips must show every world the low level will meet.
@@ -85,11 +91,18 @@ class ExpertTrainer:
         self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
         self.env.stagger()
         sizes = {POLICY: width(self.env.terms)}
-        self.algorithm = Ppo(sizes, self.env.num_actions, config.worlds, config.ppo, config.networks, device)
+        self.algorithm = Ppo(
+            sizes, self.env.num_actions, config.worlds, config.ppo, config.networks, device
+        )
         self.algorithm.warm_up(self._random_observations())
         self.terminations = SoftTerminations({c.name: c.max_p for c in self.task.constraints})
         self.head = Head(
-            task_name, sizes, self.env.num_actions, config.networks, layout(self.env.terms), task_name
+            task_name,
+            sizes,
+            self.env.num_actions,
+            config.networks,
+            layout(self.env.terms),
+            task_name,
         )
         self.samples_per_iteration = config.worlds * config.ppo.horizon
 
@@ -110,22 +123,33 @@ class ExpertTrainer:
             step = env.step(algorithm.act(obs))
             delta = self.terminations(step.violations, strength) if step.violations else None
             next_obs = self._observe()
-            algorithm.record(step.reward * self.config.reward_scale, step.fell, step.timed_out, next_obs, delta)
+            algorithm.record(
+                step.reward * self.config.reward_scale, step.fell, step.timed_out, next_obs, delta
+            )
             env.reset(step.done)
             obs = self._observe() if perhaps_any(step.done) else next_obs
             tally.add(
-                falls=step.fell.sum(), reward=step.reward.mean(), delta=None if delta is None else delta.mean()
+                falls=step.fell.sum(),
+                reward=step.reward.mean(),
+                delta=None if delta is None else delta.mean(),
             )
         algorithm.compute_returns(obs)
         figures = algorithm.update()
         steps, sums = self.config.ppo.horizon, tally.read()
-        return figures | self._task_figures() | {
-            "reward": sums["reward"] / steps,
-            "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
-            "delta": sums.get("delta", 0.0) / steps,
-            **{f"violation_{name}": float(share) for name, share in self.terminations.violated.items()},
-            "std": std,
-        }
+        return (
+            figures
+            | self._task_figures()
+            | {
+                "reward": sums["reward"] / steps,
+                "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
+                "delta": sums.get("delta", 0.0) / steps,
+                **{
+                    f"violation_{name}": float(share)
+                    for name, share in self.terminations.violated.items()
+                },
+                "std": std,
+            }
+        )
 
     def policy(self) -> Policy:
         """The trained actor, deterministic."""
@@ -151,7 +175,9 @@ class ExpertTrainer:
     def _random_observations(self) -> TensorDict:
         seen = []
         for _ in range(self.config.ppo.horizon):
-            step = self.env.step(0.3 * torch.randn(self.env.num_worlds, self.env.num_actions, device=self.env.device))
+            step = self.env.step(
+                0.3 * torch.randn(self.env.num_worlds, self.env.num_actions, device=self.env.device)
+            )
             self.env.reset(step.done)
             seen.append(self._observe())
         return torch.cat(seen)

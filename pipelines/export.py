@@ -80,7 +80,10 @@ def run(config: ExportConfig, context: StageContext, *, policy: Path) -> StageRe
         metadata = describe(policies[role], spec, artifact)
         write_onnx(policies[role], path, metadata, config.opset)
         directory.file(f"{role}.json").write_text(json.dumps(metadata, indent=1) + "\n")
-        worst = max(worst, largest_difference(policies[role], path, observations[role], config, context.seed))
+        worst = max(
+            worst,
+            largest_difference(policies[role], path, observations[role], config, context.seed),
+        )
         files[role] = path.name
     write_artifact(
         directory.file("artifact.h5"),
@@ -121,7 +124,10 @@ def describe(policy: Policy, spec: RobotSpec, artifact: Artifact) -> dict[str, A
         "decision_dt": CONTROL_DT * HOLD_STEPS,
         "latent_hold_steps": HOLD_STEPS,
         "quaternion_order": "wxyz",
-        "end_effector": {"body": spec.end_effector.body, "offset_m": list(spec.end_effector.offset)},
+        "end_effector": {
+            "body": spec.end_effector.body,
+            "offset_m": list(spec.end_effector.offset),
+        },
         "inputs": {INPUTS[group]: size for group, size in policy.head.sizes.items()},
         "output": "latent" if policy.head.role == "high" else "action",
         "output_size": policy.head.actions,
@@ -170,13 +176,19 @@ def largest_difference(
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     names = [entry.name for entry in session.get_inputs()]
     draw = torch.Generator().manual_seed(seed)
-    random = tuple(torch.randn(config.random_rows, size, generator=draw) for size in policy.head.sizes.values())
+    random = tuple(
+        torch.randn(config.random_rows, size, generator=draw) for size in policy.head.sizes.values()
+    )
     actor, worst = ExportedActor(policy).eval(), 0.0
     for groups in (random, tuple(torch.from_numpy(array) for array in recorded)):
         with torch.no_grad():
             expected = actor(*groups).numpy()
-        (found,) = session.run(None, {name: group.numpy() for name, group in zip(names, groups, strict=True)})
+        (found,) = session.run(
+            None, {name: group.numpy() for name, group in zip(names, groups, strict=True)}
+        )
         worst = max(worst, float(np.abs(found - expected).max()))
     if worst > TOLERANCE:
-        raise StageError(f"{path.name}: onnxruntime and torch differ by {worst:.2g}, more than {TOLERANCE:g}; please report it")
+        raise StageError(
+            f"{path.name}: onnxruntime and torch differ by {worst:.2g}, more than {TOLERANCE:g}; please report it"
+        )
     return worst

@@ -66,7 +66,9 @@ def laptop() -> GenerateConfig:
 
 def smoke() -> GenerateConfig:
     """Seconds; the experts have learned nothing, so only that everything runs is shown."""
-    return GenerateConfig(smoke_expert(), smoke_expert(), walk_clips=3, reach_clips=2, seconds=0.2, settle=0.02)
+    return GenerateConfig(
+        smoke_expert(), smoke_expert(), walk_clips=3, reach_clips=2, seconds=0.2, settle=0.02
+    )
 
 
 def gpu() -> GenerateConfig:
@@ -79,10 +81,17 @@ def paper() -> GenerateConfig:
     return GenerateConfig(wide(ExpertConfig(), 2000), wide(reach_expert(), 7000))
 
 
-PRESETS: dict[str, Callable[[], GenerateConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": paper}
+PRESETS: dict[str, Callable[[], GenerateConfig]] = {
+    "smoke": smoke,
+    "laptop": laptop,
+    "gpu": gpu,
+    "paper": paper,
+}
 
 
-def run(config: GenerateConfig, context: StageContext, *, robot: str = "solo12", retrain: bool = False) -> StageResult:
+def run(
+    config: GenerateConfig, context: StageContext, *, robot: str = "solo12", retrain: bool = False
+) -> StageResult:
     """Record clips of both experts; train the experts first when the run has none for this robot, or if asked to.
 
     Raises:
@@ -121,9 +130,13 @@ def _experts(config: GenerateConfig, context: StageContext, spec: RobotSpec, ret
                 return path
         bundled = published.find(f"{spec.name}-experts")
         if bundled is not None:
-            context.progress.say(f"using the published experts of {spec.name}; --retrain makes them again")
+            context.progress.say(
+                f"using the published experts of {spec.name}; --retrain makes them again"
+            )
             return bundled
-        context.progress.say(f"run '{context.run}' has no experts for {spec.name} yet: training them")
+        context.progress.say(
+            f"run '{context.run}' has no experts for {spec.name} yet: training them"
+        )
     return train_experts(config, context, spec)
 
 
@@ -133,7 +146,9 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
     policies, metrics = [], {}
     for task, expert in (("walk", config.walk), ("reach_in_place", config.reach)):
         trainer = ExpertTrainer(spec, task, expert, seed=context.seed, device=context.device)
-        figures = train(trainer, trainer.iterations, directory.path, context, f"expert {task}", SHOWN)
+        figures = train(
+            trainer, trainer.iterations, directory.path, context, f"expert {task}", SHOWN
+        )
         policies.append(trainer.policy())
         metrics |= {f"{task}_seconds": figures["seconds"], f"{task}_samples": figures["samples"]}
     save_policies(
@@ -150,7 +165,12 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
 
 
 def record(
-    spec: RobotSpec, task_name: str, policy: Policy, count: int, config: GenerateConfig, context: StageContext
+    spec: RobotSpec,
+    task_name: str,
+    policy: Policy,
+    count: int,
+    config: GenerateConfig,
+    context: StageContext,
 ) -> tuple[list[Clip], dict[str, float]]:
     """Record ``count`` clips of one expert, deterministic, without noise or pushes, each in its own world.
 
@@ -164,7 +184,9 @@ def record(
     base = clean(TASKS[task_name](spec))
     standing = replace(base.reset, joint_scale=(0.9, 1.1), lin_vel=0.0, ang_vel=0.0)
     task = replace(base, reset=standing, episode_s=2 * config.seconds)
-    env = LeggedEnv(spec, task, count + max(8, count // 4), seed=context.seed, device=context.device)
+    env = LeggedEnv(
+        spec, task, count + max(8, count // 4), seed=context.seed, device=context.device
+    )
     upright = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
     rows, targets, errors, settled = [(env.physics.qpos, env.state)], [], [], []
     for step in range(steps):
@@ -180,7 +202,9 @@ def record(
     kept = torch.nonzero(upright).flatten()
     skill = SKILLS[task_name]
     if len(kept) < count:
-        raise StageError(f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} recordings; train it longer")
+        raise StageError(
+            f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} recordings; train it longer"
+        )
     settled = torch.cat(settled)
     figures = {
         f"{skill}_error_mean": float(torch.stack(errors).mean()),
@@ -192,7 +216,9 @@ def record(
     weight = config.reach_weight if skill == "reach" else 1.0
     asked = torch.stack([*targets, targets[-1]], dim=1).cpu().numpy()
     chosen = enumerate(kept[:count].tolist())
-    return [_clip(spec, skill, weight, index, rows, asked[world], world) for index, world in chosen], figures
+    return [
+        _clip(spec, skill, weight, index, rows, asked[world], world) for index, world in chosen
+    ], figures
 
 
 def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
@@ -202,7 +228,13 @@ def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
 
 
 def _clip(
-    spec: RobotSpec, skill: str, weight: float, index: int, rows: list, joint_target: np.ndarray, world: int
+    spec: RobotSpec,
+    skill: str,
+    weight: float,
+    index: int,
+    rows: list,
+    joint_target: np.ndarray,
+    world: int,
 ) -> Clip:
     def series(pick: Callable) -> torch.Tensor:
         return torch.stack([pick(qpos, state)[world] for qpos, state in rows]).cpu().numpy()

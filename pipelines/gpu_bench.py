@@ -67,7 +67,9 @@ class Row:
     aim: float
 
 
-def bench_gpu(config: GpuBenchConfig, context: StageContext, out: Path | None = None) -> dict[str, Any]:
+def bench_gpu(
+    config: GpuBenchConfig, context: StageContext, out: Path | None = None
+) -> dict[str, Any]:
     """Check that the engines agree, measure, then train.
 
     Args:
@@ -91,7 +93,9 @@ def bench_gpu(config: GpuBenchConfig, context: StageContext, out: Path | None = 
         figures = row.measure()
         rate = figures["steps_per_second"]
         report.add("rows", {"name": row.name, "must": row.must, "aim": row.aim, **figures})
-        context.progress.say(f"{row.name}: {rate:.0f} control steps/s (must {row.must:.0f}, aim {row.aim:.0f})")
+        context.progress.say(
+            f"{row.name}: {rate:.0f} control steps/s (must {row.must:.0f}, aim {row.aim:.0f})"
+        )
     if config.minutes > 0:
         _train_all(config, context, report)
     return report.content
@@ -100,7 +104,11 @@ def bench_gpu(config: GpuBenchConfig, context: StageContext, out: Path | None = 
 def table(config: GpuBenchConfig, device: str) -> list[Row]:
     """The measurements, in order."""
     size = BenchConfig(
-        worlds=config.worlds, steps=min(40, config.worlds), rounds=1000, seconds=config.seconds, recipe="gpu"
+        worlds=config.worlds,
+        steps=min(40, config.worlds),
+        rounds=1000,
+        seconds=config.seconds,
+        recipe="gpu",
     )
 
     def training() -> dict[str, Any]:
@@ -121,7 +129,9 @@ class Report:
 
     def __init__(self, context: StageContext, config: GpuBenchConfig, out: Path | None) -> None:
         """Begin with the circumstances."""
-        self._places = [folder for folder in (context.store.directory(context.run), out) if folder is not None]
+        self._places = [
+            folder for folder in (context.store.directory(context.run), out) if folder is not None
+        ]
         self.out = out
         self.content: dict[str, Any] = {
             "begun": timestamp(),
@@ -159,7 +169,13 @@ def _train_all(config: GpuBenchConfig, context: StageContext, report: Report) ->
         if remaining <= 0:
             return
         mine = replace(context, run=f"{context.run}-{name}", resume=True)
-        row = {"experiment": name, "method": method, "preset": config.preset, "seed": context.seed, "run": mine.run}
+        row = {
+            "experiment": name,
+            "method": method,
+            "preset": config.preset,
+            "seed": context.seed,
+            "run": mine.run,
+        }
         begin = time.monotonic()
         try:
             with interrupted_after(remaining):
@@ -173,7 +189,9 @@ def _train_all(config: GpuBenchConfig, context: StageContext, report: Report) ->
         report.add("trainings", {**row, "wall_seconds": time.monotonic() - begin})
 
 
-def _train(name: str, method: str, context: StageContext, preset: str, report: Report) -> dict[str, Any]:
+def _train(
+    name: str, method: str, context: StageContext, preset: str, report: Report
+) -> dict[str, Any]:
     """One experiment from nothing to its row of Table I; what is there already is kept."""
     context.progress.say(f"training: {name} {method}")
     experiments.make_motions(name, context, preset=preset)

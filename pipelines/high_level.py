@@ -33,7 +33,9 @@ POLICY = "policy"
 class HighTrainer:
     """PPO over latents on the reach task; see :class:`lacoloco.pipelines.training.Trainer`."""
 
-    def __init__(self, spec: RobotSpec, low: Policy, config: TrainHighConfig, *, seed: int, device: str) -> None:
+    def __init__(
+        self, spec: RobotSpec, low: Policy, config: TrainHighConfig, *, seed: int, device: str
+    ) -> None:
         """Build the hierarchy and the learner."""
         torch.manual_seed(seed)
         self.config = config
@@ -43,7 +45,9 @@ class HighTrainer:
             command=replace(task.command, near=config.near),
             randomisation=widened(task.randomisation, config.randomisation),
             fall_tilt=config.fall_tilt,
-            rewards=(*task.rewards, ("approach", config.approach)) if config.approach else task.rewards,
+            rewards=(*task.rewards, ("approach", config.approach))
+            if config.approach
+            else task.rewards,
         )
         env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)
         # Evenly among the worlds: PPO orders them by how often they act on the mean.
@@ -55,11 +59,17 @@ class HighTrainer:
         decisions = (env.task.episode_steps // HOLD_STEPS, (config.worlds,))
         env.steps = HOLD_STEPS * torch.randint(0, *decisions, generator=env.draw, device=env.device)
         sizes = {POLICY: width(self.env.terms)}
-        self.algorithm = Ppo(sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device)
-        self.head = Head("high", sizes, self.latent_dim, config.networks, layout(self.env.terms), "reach")
+        self.algorithm = Ppo(
+            sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device
+        )
+        self.head = Head(
+            "high", sizes, self.latent_dim, config.networks, layout(self.env.terms), "reach"
+        )
         self.samples_per_iteration = config.worlds * config.ppo.horizon * HOLD_STEPS
         self.draw = torch.Generator(device).manual_seed(seed + 1)
-        self.retries = Retries(env, self.latent_dim, config.second_chances, seed=seed + 2, hold=HOLD_STEPS)
+        self.retries = Retries(
+            env, self.latent_dim, config.second_chances, seed=seed + 2, hold=HOLD_STEPS
+        )
         self.algorithm.warm_up(self._random_observations())
 
     def warm_start(self) -> float:
@@ -70,7 +80,9 @@ class HighTrainer:
         command, config = self.env.env.task.command, self.config.hindsight
         memory = explore(self.env, config, self.draw)
         columns = {row["name"]: slice(*row["slice"]) for row in self.head.layout}
-        agreement = clone_hindsight(self.algorithm.actor, memory, command, columns, config, self.draw)
+        agreement = clone_hindsight(
+            self.algorithm.actor, memory, command, columns, config, self.draw
+        )
         parallel.copy_from_first(self.algorithm.actor)
         return agreement
 
@@ -84,7 +96,9 @@ class HighTrainer:
         env, algorithm, config = self.env, self.algorithm, self.config
         algorithm.actor_learns = not config.hindsight.decisions or progress >= config.head_start
         calm, begin, end = config.settle
-        algorithm.desired_kl = config.ppo.desired_kl * geometric((1.0, calm), ramp(progress, begin, end))
+        algorithm.desired_kl = config.ppo.desired_kl * geometric(
+            (1.0, calm), ramp(progress, begin, end)
+        )
         price = (config.force_price or 0.0) * ramp(progress, *config.price_ramp)
         rematch = progress >= config.rematch_from
         std = geometric(config.std, progress)
@@ -124,7 +138,10 @@ class HighTrainer:
         figures = algorithm.update() | usage
         sums = tally.read()
         if ended := sums["ended"]:
-            figures |= {"final_error": sums["errors"] / ended, "falls_per_episode": sums["falls"] / ended}
+            figures |= {
+                "final_error": sums["errors"] / ended,
+                "falls_per_episode": sums["falls"] / ended,
+            }
         means = {name: sums[name] / config.ppo.horizon for name in ("reward", "speed")}
         violation = sums["above"] / max(sums["substeps"], 1.0)
         return figures | means | {"contact_violation": violation, "std": std, "episodes": ended}

@@ -76,5 +76,7 @@ class TrainHighConfig:
         )
     )
     networks: NetworkConfig = field(
-        default_factory=lambda: NetworkConfig(actor=(256, 128), critic=(256, 128), activation="relu")
+        default_factory=lambda: NetworkConfig(
+            actor=(256, 128), critic=(256, 128), activation="relu"
+        )
     )

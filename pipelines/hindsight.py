@@ -71,7 +71,9 @@ class Memory:
 def explore(env: LatentSteeredEnv, config: HindsightConfig, draw: torch.Generator) -> Memory:
     """Hold random latents in every world and remember what came of them."""
     worlds, dim = env.latent.shape
-    rows: dict[str, list[torch.Tensor]] = {name: [] for name in ("obs", "latent", "tip", "root_pos", "root_quat", "ends")}
+    rows: dict[str, list[torch.Tensor]] = {
+        name: [] for name in ("obs", "latent", "tip", "root_pos", "root_quat", "ends")
+    }
     z, left = sample_latents(worlds, dim, draw), _holds(worlds, config, draw)
     for _ in range(config.decisions):
         state = env.env.state
@@ -88,11 +90,17 @@ def explore(env: LatentSteeredEnv, config: HindsightConfig, draw: torch.Generato
         put(left, changing, _holds(len(changing), config, draw))
     series = {name: torch.stack(values) for name, values in rows.items()}
     ends = series.pop("ends")
-    return Memory(**series, until=_until(ends), taken_up=torch.nonzero(_fresh(ends).flatten()).flatten())
+    return Memory(
+        **series, until=_until(ends), taken_up=torch.nonzero(_fresh(ends).flatten()).flatten()
+    )
 
 
 def relabel(
-    memory: Memory, command: TargetCommand, config: HindsightConfig, count: int, draw: torch.Generator
+    memory: Memory,
+    command: TargetCommand,
+    config: HindsightConfig,
+    count: int,
+    draw: torch.Generator,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Draw examples: (count, 3) targets in the base frame, (count,) rows of the flattened memory, (count,) weights.
 
@@ -100,7 +108,9 @@ def relabel(
     all points in that direction, of any height, and the more so the faster it went; others serve nothing.
     """
     steps, worlds = memory.until.shape
-    rows = memory.taken_up[torch.randint(0, len(memory.taken_up), (count,), generator=draw, device=draw.device)]
+    rows = memory.taken_up[
+        torch.randint(0, len(memory.taken_up), (count,), generator=draw, device=draw.device)
+    ]
     when, world = rows // worlds, rows % worlds
     span = memory.until[when, world] - when
     chance, reach = torch.rand(2, count, generator=draw, device=draw.device)
@@ -110,11 +120,15 @@ def relabel(
     distance = moved.norm(dim=-1)
     walks = distance > STRIDE
     stretch = 1.0 + reach * (config.farthest / distance.clamp_min(STRIDE) - 1.0).clamp_min(0.0)
-    far = torch.cat((start[:, :2] + moved * stretch[:, None], uniform((command.z,), count, draw)), dim=-1)
+    far = torch.cat(
+        (start[:, :2] + moved * stretch[:, None], uniform((command.z,), count, draw)), dim=-1
+    )
     target = torch.where(walks[:, None], far, end)
     speed = distance / (later - when).clamp_min(1)
     lifted = end[:, 2] > command.z[0]
-    weight = torch.where(walks, speed / speed[walks].mean().clamp_min(1e-6), lifted.float()) * (span > 0)
+    weight = torch.where(walks, speed / speed[walks].mean().clamp_min(1e-6), lifted.float()) * (
+        span > 0
+    )
     local = rotate_inverse(memory.root_quat[when, world], target - memory.root_pos[when, world])
     return local, rows, weight
 
@@ -154,7 +168,9 @@ def clone_hindsight(
 
 
 def _holds(count: int, config: HindsightConfig, draw: torch.Generator) -> torch.Tensor:
-    return torch.randint(config.hold[0], config.hold[1] + 1, (count,), generator=draw, device=draw.device)
+    return torch.randint(
+        config.hold[0], config.hold[1] + 1, (count,), generator=draw, device=draw.device
+    )
 
 
 def _fresh(ends: torch.Tensor) -> torch.Tensor:

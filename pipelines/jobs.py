@@ -55,11 +55,15 @@ def make_executor(kind: str, folder: Path, options: Mapping[str, Any] | None = N
     try:
         import submitit
     except ModuleNotFoundError as error:
-        raise StageError("--executor: submitit is missing; pip install 'lacoloco[cluster]'") from error
+        raise StageError(
+            "--executor: submitit is missing; pip install 'lacoloco[cluster]'"
+        ) from error
     try:
         executor = submitit.AutoExecutor(folder=folder, cluster=kind)
         executor.update_parameters(timeout_min=TIMEOUT_MIN)
-        executor.update_parameters(**{f"slurm_{name}": value for name, value in (options or {}).items()})
+        executor.update_parameters(
+            **{f"slurm_{name}": value for name, value in (options or {}).items()}
+        )
     except (RuntimeError, NameError, ValueError) as error:
         raise StageError(f"--executor {kind}: {' '.join(str(error).split())}") from error
     return executor
@@ -99,7 +103,12 @@ def run_jobs(
             for name, (begin, job) in list(running.items()):
                 if job.done():
                     del running[name]
-                    ended = Ended(name, time.monotonic() - begin, _error(job), str(job.paths.folder / job.job_id))
+                    ended = Ended(
+                        name,
+                        time.monotonic() - begin,
+                        _error(job),
+                        str(job.paths.folder / job.job_id),
+                    )
                     _forget(job)
                     yield ended
     finally:

@@ -38,16 +38,26 @@ class LowTrainer:
     """ASE on the imitation task; see :class:`lacoloco.pipelines.training.Trainer`."""
 
     def __init__(
-        self, spec: RobotSpec, library: MotionLibrary, config: TrainLowConfig, *, seed: int, device: str
+        self,
+        spec: RobotSpec,
+        library: MotionLibrary,
+        config: TrainLowConfig,
+        *,
+        seed: int,
+        device: str,
     ) -> None:
         """Build environment, latents and learner."""
         torch.manual_seed(seed)
         self.config, self.spec, self.motions, self.seed = config, spec, library, seed
-        self.env = LeggedEnv(spec, _task(spec, config), config.worlds, seed=seed, device=device, motions=library)
+        self.env = LeggedEnv(
+            spec, _task(spec, config), config.worlds, seed=seed, device=device, motions=library
+        )
         self.env.stagger()
         self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)
         self.retries = Retries(self.env, config.latents.dim, config.second_chances, seed=seed + 4)
-        self.rehearsing = torch.arange(config.worlds, device=device) < config.rehearsal * config.worlds
+        self.rehearsing = (
+            torch.arange(config.worlds, device=device) < config.rehearsal * config.worlds
+        )
         self.terminations = SoftTerminations({c.name: c.max_p for c in self.env.task.constraints})
         self.draw = torch.Generator(device).manual_seed(seed + 2)
         sizes = {POLICY: width(self.env.terms), LATENT: config.latents.dim}
@@ -67,8 +77,12 @@ class LowTrainer:
             timeline = self.clips.timeline()
             self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
             self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
-        self.head = Head("low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate")
-        self.selection = Selection(spec, library, self.head, latents=config.coverage_latents, seed=seed)
+        self.head = Head(
+            "low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate"
+        )
+        self.selection = Selection(
+            spec, library, self.head, latents=config.coverage_latents, seed=seed
+        )
         self.samples_per_iteration = config.worlds * config.ppo.horizon
         self.recent_falls: list[float] = []
         self.algorithm.warm_up(self._first_observations())
@@ -93,15 +107,25 @@ class LowTrainer:
             noise_scale(env.terms).to(env.device),
         )
         error = clone(
-            self.algorithm.actor, self.embedding, teacher, self._cloned, steps=config.warm_start, draw=self.draw
+            self.algorithm.actor,
+            self.embedding,
+            teacher,
+            self._cloned,
+            steps=config.warm_start,
+            draw=self.draw,
         )
         parallel.copy_from_first(self.algorithm.actor, self.embedding)
-        return {"clone_error": error, "clone_cosine": self.algorithm.fit_encoder(config.warm_start // 4)}
+        return {
+            "clone_error": error,
+            "clone_cosine": self.algorithm.fit_encoder(config.warm_start // 4),
+        }
 
     def demonstrations(self, count: int) -> torch.Tensor:
         """(count, 2F) clean style transitions of the clips, older frame first, like the agent's (facts 9.2, B1)."""
         before, after = self.motions.sample_transitions(count, CONTROL_DT, generator=self.draw)
-        return torch.cat([style_frame(RobotState.from_motion(frames)) for frames in (before, after)], dim=-1)
+        return torch.cat(
+            [style_frame(RobotState.from_motion(frames)) for frames in (before, after)], dim=-1
+        )
 
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
@@ -112,7 +136,9 @@ class LowTrainer:
         std = geometric(config.std, ramp(progress, *config.std_between))
         set_std(algorithm.actor, std)
         calm, begin, end = config.settle
-        algorithm.desired_kl = config.ppo.desired_kl * geometric((1.0, calm), ramp(progress, begin, end))
+        algorithm.desired_kl = config.ppo.desired_kl * geometric(
+            (1.0, calm), ramp(progress, begin, end)
+        )
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
         tally, fresh = Tally(), torch.zeros_like(self.rehearsing)
         frame, obs = env.frame(), self._observe()
@@ -124,8 +150,14 @@ class LowTrainer:
             algorithm.record_transition(frame, step.frame, step.valid)
             algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
             speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
-            tally.add(falls=(step.fell & ~self.retries.returned).sum(), speed=speed, delta=None if delta is None else delta.mean())
-            tally.add(**{f"violation_{name}": share for name, share in self.terminations.violated.items()})
+            tally.add(
+                falls=(step.fell & ~self.retries.returned).sum(),
+                speed=speed,
+                delta=None if delta is None else delta.mean(),
+            )
+            tally.add(
+                **{f"violation_{name}": share for name, share in self.terminations.violated.items()}
+            )
             again = self.retries.choose(step.fell)
             env.reset(step.done)
             fresh |= step.done & ~again
@@ -137,14 +169,25 @@ class LowTrainer:
         figures = algorithm.update()
         sums = tally.read()
         self.recent_falls.append(sums["falls"] * parallel.size())
-        return figures | self._examine(progress) | {
-            "speed": sums["speed"] / config.ppo.horizon,
-            "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
-            "delta": sums.get("delta", 0.0) / config.ppo.horizon,
-            **{name: sums[name] / config.ppo.horizon for name in sums if name.startswith("violation_")},
-            **{f"c_max_{name}": float(worst.max()) for name, worst in self.terminations.c_max.items()},
-            "std": std,
-        }
+        return (
+            figures
+            | self._examine(progress)
+            | {
+                "speed": sums["speed"] / config.ppo.horizon,
+                "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
+                "delta": sums.get("delta", 0.0) / config.ppo.horizon,
+                **{
+                    name: sums[name] / config.ppo.horizon
+                    for name in sums
+                    if name.startswith("violation_")
+                },
+                **{
+                    f"c_max_{name}": float(worst.max())
+                    for name, worst in self.terminations.c_max.items()
+                },
+                "std": std,
+            }
+        )
 
     def _rehearse(self) -> None:
         worlds = select(self.rehearsing)
@@ -221,15 +264,21 @@ class LowTrainer:
             self.embedding.load_state_dict(state["embedding"])
 
     def _observe(self) -> TensorDict:
-        return TensorDict({POLICY: self.env.observe(), LATENT: self.latents.z}, batch_size=[self.env.num_worlds])
+        return TensorDict(
+            {POLICY: self.env.observe(), LATENT: self.latents.z}, batch_size=[self.env.num_worlds]
+        )
 
     def _first_observations(self) -> TensorDict:
         # With actions: columns of the last action that never moved would be scaled up a hundredfold.
         seen = []
         for _ in range(8):
-            self.env.reset(torch.ones(self.env.num_worlds, dtype=torch.bool, device=self.env.device))
+            self.env.reset(
+                torch.ones(self.env.num_worlds, dtype=torch.bool, device=self.env.device)
+            )
             for _ in range(4):
-                spread = self.config.std[0] * torch.randn(self.env.num_worlds, self.env.num_actions, device=self.env.device)
+                spread = self.config.std[0] * torch.randn(
+                    self.env.num_worlds, self.env.num_actions, device=self.env.device
+                )
                 self.env.step(spread)
                 seen.append(self._observe())
         self.env.stagger()
@@ -242,4 +291,10 @@ def _task(spec: RobotSpec, config: TrainLowConfig) -> Task:
     if around.push:
         around = replace(around, push=config.push, push_interval_s=config.push_every_s)
     reset = replace(task.reset, clip_share=config.clip_share)
-    return replace(task, episode_s=config.episode_s, fall_tilt=config.fall_tilt, reset=reset, randomisation=around)
+    return replace(
+        task,
+        episode_s=config.episode_s,
+        fall_tilt=config.fall_tilt,
+        reset=reset,
+        randomisation=around,
+    )

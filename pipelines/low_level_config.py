@@ -74,7 +74,13 @@ class TrainLowConfig:
     latents: LatentConfig = field(default_factory=LatentConfig)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
-            horizon=16, epochs=4, minibatches=2, gamma=0.98, desired_kl=0.02, learning_rate=5e-5, min_learning_rate=1e-6
+            horizon=16,
+            epochs=4,
+            minibatches=2,
+            gamma=0.98,
+            desired_kl=0.02,
+            learning_rate=5e-5,
+            min_learning_rate=1e-6,
         )
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)

@@ -76,16 +76,28 @@ def plan(shadow: Shadow, config: RecordingConfig, *, seed: int) -> Journey:
     """
     states, speed = shadow.states, shadow.references.speed
     through = states.first[:-1].repeat(config.copies)
-    shortest, longest = (round(seconds / CONTROL_DT) for seconds in (2.0 * config.shortest_s, config.start_s))
+    shortest, longest = (
+        round(seconds / CONTROL_DT) for seconds in (2.0 * config.shortest_s, config.start_s)
+    )
     ahead = states.last - torch.arange(len(states.last), device=states.last.device)
     moving = (speed > MOVING) & (speed < shadow.config.standing_speed) & (ahead >= shortest)
-    begun = _beginnings(states, torch.nonzero(moving).flatten(), shadow.env.default_joint_pos, config.starts, seed)
-    ended, after = _ends(torch.nonzero((speed > MOVING) & (ahead > shortest)).flatten(), ahead, config, seed + 1)
+    begun = _beginnings(
+        states, torch.nonzero(moving).flatten(), shadow.env.default_joint_pos, config.starts, seed
+    )
+    ended, after = _ends(
+        torch.nonzero((speed > MOVING) & (ahead > shortest)).flatten(), ahead, config, seed + 1
+    )
     rows = torch.cat((through, begun, ended))
     standing, stop_at = torch.zeros_like(rows, dtype=torch.bool), torch.full_like(rows, NEVER)
     standing[len(through) : len(through) + len(begun)] = True
     stop_at[len(rows) - len(ended) :] = after
-    steps = torch.cat((ahead[through], ahead[begun].clamp_max(longest), after + round(config.stand_s / CONTROL_DT)))
+    steps = torch.cat(
+        (
+            ahead[through],
+            ahead[begun].clamp_max(longest),
+            after + round(config.stand_s / CONTROL_DT),
+        )
+    )
     return Journey(rows, steps, standing, stop_at)
 
 
@@ -97,7 +109,9 @@ def _ends(
     count = config.stops if len(moving) else 0
     rows = moving[torch.randint(max(1, len(moving)), (count,), generator=draw).to(moving.device)]
     earliest, latest = (seconds / CONTROL_DT for seconds in config.stop_after_s)
-    after = (earliest + torch.rand(count, generator=draw).to(moving.device) * (latest - earliest)).long()
+    after = (
+        earliest + torch.rand(count, generator=draw).to(moving.device) * (latest - earliest)
+    ).long()
     return rows, torch.minimum(after, ahead[rows] - 1)
 
 
@@ -186,21 +200,31 @@ def _follow(
     states, targets, losses, rewards = [_snapshot(shadow)], [], [], []
     for _ in range(int(journey.steps.max())):
         _, reward, lost, _ = shadow.step(policy(*shadow.observe().values()))
-        targets.append(shadow.env.default_joint_pos + shadow.env.task.action_scale * shadow.env.action)
+        targets.append(
+            shadow.env.default_joint_pos + shadow.env.task.action_scale * shadow.env.action
+        )
         shadow.put(lost, shadow.rows, torch.zeros_like(lost))
         states.append(_snapshot(shadow))
         losses.append(lost.cpu())
         rewards.append(reward.cpu())
-    count, columns = len(journey.rows), {name: [state[name] for state in states] for name in states[0]}
+    count, columns = (
+        len(journey.rows),
+        {name: [state[name] for state in states] for name in states[0]},
+    )
     columns["joint_target"] = [*targets, targets[-1]]
-    series = {name: torch.stack(column, dim=1)[:count].cpu().numpy() for name, column in columns.items()}
+    series = {
+        name: torch.stack(column, dim=1)[:count].cpu().numpy() for name, column in columns.items()
+    }
     return series, torch.stack(losses, dim=1)[:count], torch.stack(rewards, dim=1)[:count]
 
 
-def pieces_of(lost: torch.Tensor, standing: bool, config: RecordingConfig) -> Iterator[tuple[int, int]]:
+def pieces_of(
+    lost: torch.Tensor, standing: bool, config: RecordingConfig
+) -> Iterator[tuple[int, int]]:
     """[start, stop) of the frames of one world that are worth keeping, from where it ``lost`` (T,) its clip."""
     settle, before, shortest = (
-        round(seconds / CONTROL_DT) for seconds in (config.settle_s, config.before_loss_s, config.shortest_s)
+        round(seconds / CONTROL_DT)
+        for seconds in (config.settle_s, config.before_loss_s, config.shortest_s)
     )
     start = 0 if standing else settle
     losses = (torch.nonzero(lost).flatten() + 1).tolist()
@@ -210,7 +234,9 @@ def pieces_of(lost: torch.Tensor, standing: bool, config: RecordingConfig) -> It
         start = end + settle
 
 
-def without_rest(resting: np.ndarray, span: tuple[int, int], config: RecordingConfig) -> Iterator[tuple[int, int]]:
+def without_rest(
+    resting: np.ndarray, span: tuple[int, int], config: RecordingConfig
+) -> Iterator[tuple[int, int]]:
     """What is left of frames [start, stop) when the middle of every stillness, ``resting`` (T,) bool, is cut out."""
     start, stop = span
     keep, shortest = round(config.rest_s / CONTROL_DT), round(config.shortest_s / CONTROL_DT)
@@ -235,7 +261,10 @@ def _snapshot(shadow: Shadow) -> dict[str, torch.Tensor]:
     state = shadow.env.state
     names = ("root_pos", "root_quat", "joint_pos", "joint_vel")
     named = {name: getattr(state, name).clone() for name in names}
-    return named | {"root_lin_vel_b": state.lin_vel_b.clone(), "root_ang_vel_b": state.ang_vel_b.clone()}
+    return named | {
+        "root_lin_vel_b": state.lin_vel_b.clone(),
+        "root_ang_vel_b": state.ang_vel_b.clone(),
+    }
 
 
 def _clip(source: Clip, name: str, series: dict[str, np.ndarray]) -> Clip:

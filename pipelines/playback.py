@@ -59,7 +59,12 @@ def smoke() -> PlaybackConfig:
     return PlaybackConfig(clips=1, episodes=1, seconds=1.0)
 
 
-PRESETS: dict[str, Callable[[], PlaybackConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": laptop, "paper": laptop}
+PRESETS: dict[str, Callable[[], PlaybackConfig]] = {
+    "smoke": smoke,
+    "laptop": laptop,
+    "gpu": laptop,
+    "paper": laptop,
+}
 
 
 def run(

@@ -82,7 +82,9 @@ def save_policies(
     )
 
 
-def load_policies(path: Path, *needed: str, device: str = "cpu") -> tuple[Artifact, dict[str, Policy]]:
+def load_policies(
+    path: Path, *needed: str, device: str = "cpu"
+) -> tuple[Artifact, dict[str, Policy]]:
     """Read an artifact's policies by role, ready to run.
 
     Raises:
@@ -92,12 +94,16 @@ def load_policies(path: Path, *needed: str, device: str = "cpu") -> tuple[Artifa
     states = unflatten_state(artifact.arrays, artifact.metadata["structure"])
     policies = {}
     for role, data in artifact.metadata["heads"].items():
-        networks = NetworkConfig(**{k: tuple(v) if isinstance(v, list) else v for k, v in data["networks"].items()})
+        networks = NetworkConfig(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in data["networks"].items()}
+        )
         head = Head(**{**data, "networks": networks})
         actor = make_actor(head.sizes, head.actions, networks)
         actor.load_state_dict(states[role])
         policies[role] = Policy(head, actor.to(device).eval())
     for role in needed:
         if role not in policies:
-            raise ArtifactError(f"{path}: holds {', '.join(policies)}, not the {role} policy; name another artifact")
+            raise ArtifactError(
+                f"{path}: holds {', '.join(policies)}, not the {role} policy; name another artifact"
+            )
     return artifact, policies

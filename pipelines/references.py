@@ -50,13 +50,26 @@ class References:
     def ahead(self, rows: torch.Tensor) -> torch.Tensor:
         """(N, width) style frames ``AHEAD`` of the moments ``rows`` (N,), the clip's last one beyond its end."""
         last = self.states.last[rows]
-        return torch.cat([self.frames[torch.minimum(rows + steps, last)] for steps in AHEAD], dim=-1)
+        return torch.cat(
+            [self.frames[torch.minimum(rows + steps, last)] for steps in AHEAD], dim=-1
+        )
 
     def compare(self, state: RobotState, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(N,) reward in [0, 1] for being as the clips are at ``rows`` (N,), and (N,) bool whether that is hopeless."""
-        errors = (style_frame(state) - self.frames[rows]).split([term.size for term in self._terms], dim=-1)
-        squared = {term.name: error.square().sum(dim=-1) for term, error in zip(self._terms, errors, strict=True)}
-        reward = sum(weight * torch.exp(-sharpness * squared[name]) for name, (weight, sharpness) in TERMS.items())
+        errors = (style_frame(state) - self.frames[rows]).split(
+            [term.size for term in self._terms], dim=-1
+        )
+        squared = {
+            term.name: error.square().sum(dim=-1)
+            for term, error in zip(self._terms, errors, strict=True)
+        }
+        reward = sum(
+            weight * torch.exp(-sharpness * squared[name])
+            for name, (weight, sharpness) in TERMS.items()
+        )
         joints = squared["joint_pos"] / state.joint_pos.shape[1] > LOST_JOINTS**2
-        tall, tilted = squared["base_height"] > LOST_HEIGHT**2, squared["projected_gravity"] > LOST_TILT**2
+        tall, tilted = (
+            squared["base_height"] > LOST_HEIGHT**2,
+            squared["projected_gravity"] > LOST_TILT**2,
+        )
         return reward, joints | tall | tilted

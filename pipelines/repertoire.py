@@ -30,7 +30,10 @@ def repertoire(spec: RobotSpec, clips: Sequence[Clip], paces: Sequence[float]) -
 
 def standing(spec: RobotSpec) -> Clip:
     """The robot in its default pose, feet on the ground."""
-    frames, pose = round(STILL_S / CONTROL_DT) + 1, np.array(spec.default_joint_pos, dtype=np.float64)
+    frames, pose = (
+        round(STILL_S / CONTROL_DT) + 1,
+        np.array(spec.default_joint_pos, dtype=np.float64),
+    )
     height = standing_height(spec.model(), pose, spec.feet)
     return Clip.from_poses(
         "standing",

@@ -116,9 +116,7 @@ def run(
     return StageResult(directory.complete(), metrics)
 
 
-def _tasks(
-    config: RetargetConfig, sources: Sequence[str | Path]
-) -> tuple[list[Task], list[str]]:
+def _tasks(config: RetargetConfig, sources: Sequence[str | Path]) -> tuple[list[Task], list[str]]:
     """What is to be done, and the names that a selection misses."""
     files, absent = _files(config, find_recordings(sources or [DOG_BVH]))
     return [

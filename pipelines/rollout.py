@@ -79,7 +79,11 @@ def record_low(
     )
     env = LeggedEnv(spec, task, episodes, seed=seed)
     steps = max(1, round(seconds / CONTROL_DT))
-    held = LatentConfig(low.head.sizes["latent"]) if changing else LatentConfig(low.head.sizes["latent"], steps, steps)
+    held = (
+        LatentConfig(low.head.sizes["latent"])
+        if changing
+        else LatentConfig(low.head.sizes["latent"], steps, steps)
+    )
     latents = LatentSchedule(episodes, held, seed=seed)
     fell = torch.zeros(episodes, dtype=torch.bool)
     qpos, contact, steering = [], [], []
@@ -93,7 +97,9 @@ def record_low(
     return LowRecording(*rows, fell=fell.numpy(), robot=spec.name)
 
 
-def record_reach(policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0) -> ReachRecording:
+def record_reach(
+    policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0
+) -> ReachRecording:
     """Play a high-level artifact's policies without noise, pushes or randomisation, motors as strong as they are.
 
     Raises:
@@ -101,16 +107,28 @@ def record_reach(policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed
     """
     artifact, policies = load_policies(policy, "low", "high")
     spec = load_robot(artifact.robot)
-    task = replace(reach_task(spec), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION)
-    env = LatentSteeredEnv(
-        LeggedEnv(spec, task, episodes, seed=seed), policies["low"], policies["low"].head.sizes["latent"]
+    task = replace(
+        reach_task(spec), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION
     )
-    rows: dict[str, list[torch.Tensor]] = {name: [] for name in ("qpos", "target", "end_effector", "contact", "steering")}
+    env = LatentSteeredEnv(
+        LeggedEnv(spec, task, episodes, seed=seed),
+        policies["low"],
+        policies["low"].head.sizes["latent"],
+    )
+    rows: dict[str, list[torch.Tensor]] = {
+        name: [] for name in ("qpos", "target", "end_effector", "contact", "steering")
+    }
     low_obs, high_obs = [], []
     fell = torch.zeros(episodes, dtype=torch.bool)
 
     def keep(base: LeggedEnv) -> None:
-        values = (base.physics.qpos, base.command.clone(), base.end_effector(), base.feet.contact, env.latent)
+        values = (
+            base.physics.qpos,
+            base.command.clone(),
+            base.end_effector(),
+            base.feet.contact,
+            env.latent,
+        )
         for name, value in zip(rows, values, strict=True):
             rows[name].append(value)
         low_obs.append(base.observe()[:, : policies["low"].head.sizes["policy"]])

@@ -28,9 +28,17 @@ SKILLS = ("walk", "reach", "stand", "fall")
 class Selection:
     """Examines a training's actor and remembers the best one."""
 
-    def __init__(self, spec: RobotSpec, motions: MotionLibrary, head: Head, *, latents: int, seed: int) -> None:
+    def __init__(
+        self, spec: RobotSpec, motions: MotionLibrary, head: Head, *, latents: int, seed: int
+    ) -> None:
         """Examine with ``latents`` held latents, and as many episodes; no random number of the training is used up."""
-        self.spec, self.motions, self.head, self.latents, self.seed = spec, motions, head, latents, seed
+        self.spec, self.motions, self.head, self.latents, self.seed = (
+            spec,
+            motions,
+            head,
+            latents,
+            seed,
+        )
         self.chosen: dict[str, Any] = {}
         """``actor``: state of the best actor so far, ``figures``: its figures, ``samples``: when it was seen."""
 
@@ -46,10 +54,16 @@ class Selection:
     def examine(self, actor: MLPModel, samples: int) -> dict[str, float]:
         """Skill coverage, steadiness and the ``score`` of both; keeps the actor if none was better."""
         figures = self.measure(actor)
-        figures |= steadiness(self.spec, Policy(self.head, actor), worlds=self.latents, seed=self.seed)
+        figures |= steadiness(
+            self.spec, Policy(self.head, actor), worlds=self.latents, seed=self.seed
+        )
         figures["score"] = score(figures)
         if not self.chosen or figures["score"] <= self.chosen["figures"]["score"]:
-            self.chosen = {"actor": deepcopy(actor.state_dict()), "figures": dict(figures), "samples": samples}
+            self.chosen = {
+                "actor": deepcopy(actor.state_dict()),
+                "figures": dict(figures),
+                "samples": samples,
+            }
         return figures
 
     def best(self, actor: MLPModel) -> MLPModel:

@@ -56,7 +56,9 @@ class Switching:
 
     def typical(self) -> int:
         """The episode with the median error at its end, of those that switch, or of all where none does."""
-        candidates = np.flatnonzero(self.switches) if self.switches.any() else np.arange(len(self.fell))
+        candidates = (
+            np.flatnonzero(self.switches) if self.switches.any() else np.arange(len(self.fell))
+        )
         order = np.argsort(self.error[candidates, -1], kind="stable")
         return int(candidates[order[(len(order) - 1) // 2]])
 

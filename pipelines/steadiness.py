@@ -33,18 +33,29 @@ def steadiness(
     device = str(next(policy.actor.parameters()).device)
     task = imitate_task(spec, constrained=False)
     task = replace(
-        task, episode_s=seconds, noise=0.0, reset=ResetConfig(), randomisation=reach_task(spec).randomisation
+        task,
+        episode_s=seconds,
+        noise=0.0,
+        reset=ResetConfig(),
+        randomisation=reach_task(spec).randomisation,
     )
     env = LeggedEnv(spec, task, worlds, seed=seed, device=device)
-    latents = LatentSchedule(worlds, LatentConfig(dim=policy.head.sizes["latent"]), seed=seed, device=device)
+    latents = LatentSchedule(
+        worlds, LatentConfig(dim=policy.head.sizes["latent"]), seed=seed, device=device
+    )
     latents.wandering[:] = True
     alive = torch.ones(worlds, dtype=torch.bool, device=env.device)
     nobody, limit = torch.zeros_like(alive), spec.foot_force_limit()
     above, lived = torch.zeros((), device=env.device), torch.zeros((), device=env.device)
     for _ in range(round(seconds / CONTROL_DT)):
         fell = env.step(policy(env.observe(), latents.z)).fell
-        above += ((env.physics.foot_force > limit) & alive[:, None, None]).sum()  # no index: nothing waits for a GPU
+        above += (
+            (env.physics.foot_force > limit) & alive[:, None, None]
+        ).sum()  # no index: nothing waits for a GPU
         lived += alive.sum() * env.physics.foot_force[0].numel()
         alive = alive & ~fell
         latents.advance(nobody)
-    return {"steered_falls": 1.0 - float(alive.float().mean()), "steered_violation": float(above / lived)}
+    return {
+        "steered_falls": 1.0 - float(alive.float().mean()),
+        "steered_violation": float(above / lived),
+    }

@@ -12,7 +12,9 @@ class Stopwatch:
     """Sums of seconds by part. A part inside another one stops the outer one's clock while it runs."""
 
     def __init__(
-        self, wait: Callable[[], None] = lambda: None, clock: Callable[[], float] = time.perf_counter
+        self,
+        wait: Callable[[], None] = lambda: None,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         """Start with nothing.
 

@@ -73,8 +73,12 @@ def run(
     motions = list(motions) or motions_of(policy)
     nearest = NearestClip([clip for path in motions for clip in load_clips(path)])
     if LAST not in nearest.skills or len(nearest.skills) < 2:
-        raise StageError(f"{motions[0]}: no clips of '{LAST}' and of another skill; name other motions with --motions")
-    played = record_reach(policy, seconds=config.seconds, episodes=config.episodes, seed=context.seed)
+        raise StageError(
+            f"{motions[0]}: no clips of '{LAST}' and of another skill; name other motions with --motions"
+        )
+    played = record_reach(
+        policy, seconds=config.seconds, episodes=config.episodes, seed=context.seed
+    )
     found = compare(played, nearest)
     shown = config.shown if config.shown >= 0 else found.typical()
     directory = context.store.begin(context.run, STAGE)
@@ -83,8 +87,18 @@ def run(
     write_artifact(
         directory.file("artifact.h5"),
         SCHEMA,
-        {"nearest": found.nearest, "error": found.error, "fell": found.fell, "latent": played.steering[shown]},
-        metadata={"skills": found.skills, "fps": found.fps, "shown": shown, "figures": found.figures()},
+        {
+            "nearest": found.nearest,
+            "error": found.error,
+            "fell": found.fell,
+            "latent": played.steering[shown],
+        },
+        metadata={
+            "skills": found.skills,
+            "fps": found.fps,
+            "shown": shown,
+            "figures": found.figures(),
+        },
         config=asdict(config),
         seed=context.seed,
         robot=(spec.name, spec.model_hash()),
@@ -106,5 +120,7 @@ def motions_of(policy: Path) -> list[Path]:
     found = [ancestor.path for ancestor in ancestors if ancestor.state == "ok"]
     if not found:
         what = read_header(policy).metadata.get("method", "policy")
-        raise StageError(f"{policy}: the motions that this {what} was trained on are gone; name some with --motions")
+        raise StageError(
+            f"{policy}: the motions that this {what} was trained on are gone; name some with --motions"
+        )
     return list(dict.fromkeys(found))

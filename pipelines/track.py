@@ -49,16 +49,28 @@ def smoke() -> TrackConfig:
         ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
     )
-    return TrackConfig(tracker, RecordingConfig(copies=1, starts=2, stops=2, settle_s=0.0, before_loss_s=0.0, shortest_s=0.1))
+    return TrackConfig(
+        tracker,
+        RecordingConfig(
+            copies=1, starts=2, stops=2, settle_s=0.0, before_loss_s=0.0, shortest_s=0.1
+        ),
+    )
 
 
 def gpu() -> TrackConfig:
     """The laptop's recipe on a GPU's width, with ten times the samples."""
     base = TrackerConfig()
-    return TrackConfig(replace(base, worlds=4096, samples=30_000_000, ppo=replace(base.ppo, minibatches=8)))
+    return TrackConfig(
+        replace(base, worlds=4096, samples=30_000_000, ppo=replace(base.ppo, minibatches=8))
+    )
 
 
-PRESETS: dict[str, Callable[[], TrackConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": gpu}
+PRESETS: dict[str, Callable[[], TrackConfig]] = {
+    "smoke": smoke,
+    "laptop": laptop,
+    "gpu": gpu,
+    "paper": gpu,
+}
 
 
 def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) -> StageResult:
@@ -75,11 +87,23 @@ def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) 
     clips = repertoire(spec, given, config.paces)
     library = MotionLibrary(clips, context.device)
     directory = context.store.begin(context.run, "track", resume=context.resume)
-    trainer = TrackerTrainer(spec, library, config.tracker, seed=context.seed, device=context.device)
-    metrics = train(trainer, trainer.iterations, directory.path, context, "track", SHOWN, config=asdict(config))
+    trainer = TrackerTrainer(
+        spec, library, config.tracker, seed=context.seed, device=context.device
+    )
+    metrics = train(
+        trainer, trainer.iterations, directory.path, context, "track", SHOWN, config=asdict(config)
+    )
     policy = trainer.policy()
     count, references = worlds(clips, config.recording), trainer.shadow.references
-    shadow = Shadow(spec, library, references, config.tracker, count, seed=context.seed + 1, device=context.device)
+    shadow = Shadow(
+        spec,
+        library,
+        references,
+        config.tracker,
+        count,
+        seed=context.seed + 1,
+        device=context.device,
+    )
     pieces, figures = record(shadow, clips, policy, config.recording, seed=context.seed)
     metrics |= figures
     written = {"spec": spec, "context": context, "config": asdict(config), "metrics": metrics}

@@ -64,7 +64,12 @@ class TrackerConfig:
     std: tuple[float, float] = (0.12, 0.05)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
-            horizon=24, gamma=0.97, learning_rate=2e-4, min_learning_rate=2e-5, max_learning_rate=3e-3, desired_kl=0.02
+            horizon=24,
+            gamma=0.97,
+            learning_rate=2e-4,
+            min_learning_rate=2e-5,
+            max_learning_rate=3e-3,
+            desired_kl=0.02,
         )
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
@@ -116,20 +121,28 @@ class Shadow:
         ended = (step.timed_out | (self.rows == self.states.last[self.rows])) & ~lost
         stops = self.env.steps == self.stop_at
         self.rows = torch.where(stops, self.references.rest, self.rows)
-        self.grace = torch.where(stops, self.env.steps + round(self.config.grace_s / CONTROL_DT), self.grace)
+        self.grace = torch.where(
+            stops, self.env.steps + round(self.config.grace_s / CONTROL_DT), self.grace
+        )
         return step, reward.masked_fill(~step.valid, 0.0), lost, ended
 
     def begin(self, mask: torch.Tensor) -> None:
         """Begin anew in the worlds of ``mask`` (N,) bool: at any moment in its state, or standing at a slow one."""
         count = self.env.num_worlds
-        anywhere = self.states.rows(*self.motions.sample(count, generator=self.draw, margin=2.0 * CONTROL_DT))
-        pause = self._slow[torch.randint(len(self._slow), (count,), generator=self.draw, device=self.draw.device)]
+        anywhere = self.states.rows(
+            *self.motions.sample(count, generator=self.draw, margin=2.0 * CONTROL_DT)
+        )
+        pause = self._slow[
+            torch.randint(len(self._slow), (count,), generator=self.draw, device=self.draw.device)
+        ]
         kind, when = torch.rand(2, count, generator=self.draw, device=self.draw.device)
         standing = kind < self.config.standing
         self.put(mask, torch.where(standing, pause, anywhere), standing)
         earliest, latest = (seconds / CONTROL_DT for seconds in self.config.stop_after_s)
         stops = mask & (kind > 1.0 - self.config.stopping * (1.0 - self.config.standing))
-        self.stop_at = torch.where(stops, (earliest + when * (latest - earliest)).long(), self.stop_at)
+        self.stop_at = torch.where(
+            stops, (earliest + when * (latest - earliest)).long(), self.stop_at
+        )
 
     def put(self, mask: torch.Tensor, rows: torch.Tensor, standing: torch.Tensor) -> None:
         """Put the worlds of ``mask`` at the moments ``rows`` (N,), those of ``standing`` (N,) bool in the default pose.
@@ -144,25 +157,42 @@ class Shadow:
         inside = select(mask & ~standing)
         if len(inside):
             chosen = pick(self.rows, inside)
-            self.env.start_from(inside, self.states.qpos[chosen], self.states.qvel[chosen], self.references.before[chosen])
+            self.env.start_from(
+                inside,
+                self.states.qpos[chosen],
+                self.states.qvel[chosen],
+                self.references.before[chosen],
+            )
 
 
 class TrackerTrainer:
     """PPO on following the clips; see :class:`lacoloco.pipelines.training.Trainer`."""
 
     def __init__(
-        self, spec: RobotSpec, library: MotionLibrary, config: TrackerConfig, *, seed: int, device: str
+        self,
+        spec: RobotSpec,
+        library: MotionLibrary,
+        config: TrackerConfig,
+        *,
+        seed: int,
+        device: str,
     ) -> None:
         """Build worlds and learner."""
         torch.manual_seed(seed)
         self.config = config
         references = References(spec, library)
-        self.shadow = Shadow(spec, library, references, config, config.worlds, seed=seed, device=device)
+        self.shadow = Shadow(
+            spec, library, references, config, config.worlds, seed=seed, device=device
+        )
         env = self.shadow.env
         sizes = {POLICY: width(env.terms), REFERENCE: self.shadow.references.width}
-        self.algorithm = Ppo(sizes, env.num_actions, config.worlds, config.ppo, config.networks, device)
+        self.algorithm = Ppo(
+            sizes, env.num_actions, config.worlds, config.ppo, config.networks, device
+        )
         self.terminations = SoftTerminations({c.name: c.max_p for c in env.task.constraints})
-        self.head = Head("track", sizes, env.num_actions, config.networks, layout(env.terms), "imitate")
+        self.head = Head(
+            "track", sizes, env.num_actions, config.networks, layout(env.terms), "imitate"
+        )
         self.samples_per_iteration = config.worlds * config.ppo.horizon
         everyone = torch.ones(config.worlds, dtype=torch.bool, device=device)
         self.shadow.begin(everyone)
@@ -196,7 +226,10 @@ class TrackerTrainer:
             "reward": sums["reward"] / config.ppo.horizon,
             "lost_per_1000_steps": per_thousand * sums["lost"],
             "falls_per_1000_steps": per_thousand * sums["falls"],
-            **{f"violation_{name}": float(share) for name, share in self.terminations.violated.items()},
+            **{
+                f"violation_{name}": float(share)
+                for name, share in self.terminations.violated.items()
+            },
             "std": geometric(config.std, progress),
         }
 

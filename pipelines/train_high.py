@@ -56,7 +56,12 @@ def paper() -> TrainHighConfig:
     )
 
 
-PRESETS: dict[str, Callable[[], TrainHighConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": paper}
+PRESETS: dict[str, Callable[[], TrainHighConfig]] = {
+    "smoke": smoke,
+    "laptop": laptop,
+    "gpu": gpu,
+    "paper": paper,
+}
 
 
 def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageResult:
@@ -89,7 +94,9 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
         warn=high_level_warnings,
     )
     if parallel.rank():
-        return StageResult(directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics})
+        return StageResult(
+            directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics}
+        )
     metrics |= _before_and_after(spec, policies["low"], trainer.policy(), config, context)
     save_policies(
         directory.file("artifact.h5"),
@@ -131,7 +138,12 @@ def _before_and_after(
     """Mean final end-effector error [m] with random latents and with the trained high level, on the same episodes."""
     episodes = min(256, config.worlds)
     figures = {}
-    for name, policies in (("untrained_error", {"low": low}), ("trained_error", {"low": low, "high": high})):
-        played = play_episodes(spec, policies, episodes, worlds=episodes, seed=context.seed + 77, device=context.device)
+    for name, policies in (
+        ("untrained_error", {"low": low}),
+        ("trained_error", {"low": low, "high": high}),
+    ):
+        played = play_episodes(
+            spec, policies, episodes, worlds=episodes, seed=context.seed + 77, device=context.device
+        )
         figures[name] = played.figures()["ee_error_mean_m"]
     return figures

@@ -76,7 +76,12 @@ def paper() -> TrainLowConfig:
     )
 
 
-PRESETS: dict[str, Callable[[], TrainLowConfig]] = {"smoke": smoke, "laptop": laptop, "gpu": gpu, "paper": paper}
+PRESETS: dict[str, Callable[[], TrainLowConfig]] = {
+    "smoke": smoke,
+    "laptop": laptop,
+    "gpu": gpu,
+    "paper": paper,
+}
 
 
 def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path]) -> StageResult:
@@ -92,9 +97,14 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     directory = begin(context, "train-low", method)
     shares = dict(config.skill_shares)
     library = MotionLibrary(
-        clips, context.device, weighting="skill" if shares else "duration", skill_shares=shares or None
+        clips,
+        context.device,
+        weighting="skill" if shares else "duration",
+        skill_shares=shares or None,
     )
-    trainer = LowTrainer(spec, library, mine, seed=parallel.own_seed(context.seed), device=context.device)
+    trainer = LowTrainer(
+        spec, library, mine, seed=parallel.own_seed(context.seed), device=context.device
+    )
     # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
     if config.warm_start and not has_checkpoint(directory.path):
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
@@ -111,7 +121,9 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         warn=low_level_warnings,
     )
     if parallel.rank():
-        return StageResult(directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics})
+        return StageResult(
+            directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics}
+        )
     metrics |= trainer.closing_figures()
     save_policies(
         directory.file("artifact.h5"),
@@ -138,7 +150,9 @@ def shared(config: TrainLowConfig) -> TrainLowConfig:
         rows = {name: parallel.share(getattr(ase, name)) for name in ("batch", "replay_capacity")}
         worlds = parallel.share(config.worlds)
     except ValueError as error:
-        raise StageError(f"{error}; --set worlds, ase.batch and ase.replay_capacity to multiples") from error
+        raise StageError(
+            f"{error}; --set worlds, ase.batch and ase.replay_capacity to multiples"
+        ) from error
     return replace(
         config, worlds=worlds, samples=config.samples // parallel.size(), ase=replace(ase, **rows)
     )
@@ -155,6 +169,8 @@ def load_motions(paths: Sequence[Path]) -> tuple[list, RobotSpec]:
     robots = {read_header(path).robot for path in paths}
     if len(robots) != 1:
         found = ", ".join(sorted(robots)) or "none"
-        raise StageError(f"motions of exactly one robot are needed, found: {found}; name them with --motions")
+        raise StageError(
+            f"motions of exactly one robot are needed, found: {found}; name them with --motions"
+        )
     spec = load_robot(robots.pop())
     return [clip for path in paths for clip in load_clips(path, robot=spec.name)], spec

@@ -113,10 +113,20 @@ def train(
             samples = (iteration + 1) * per_iteration
             log.write(samples, figures)
             watch(log.history)
-            context.progress.advance(samples, **{name: figures[name] for name in shown if name in figures})
+            context.progress.advance(
+                samples, **{name: figures[name] for name in shown if name in figures}
+            )
             now, stop = time.monotonic(), parallel.any_process(interrupted(), context.device)
             if first and (stop or now - saved > CHECKPOINT_SECONDS):
-                _save(trainer, checkpoint, iteration + 1, elapsed + now - begin, figures, context, config or {})
+                _save(
+                    trainer,
+                    checkpoint,
+                    iteration + 1,
+                    elapsed + now - begin,
+                    figures,
+                    context,
+                    config or {},
+                )
                 saved = now
             if stop:
                 raise KeyboardInterrupt
@@ -161,7 +171,9 @@ class MetricsLog:
         lines = path.read_text().splitlines(keepends=True) if path.exists() else []
         kept = [line for line in lines if not self._is_repeated(line, done)]
         path.write_text("".join(kept))
-        self.history: list[Figures] = [one for one in map(json.loads, kept) if one["training"] == name]
+        self.history: list[Figures] = [
+            one for one in map(json.loads, kept) if one["training"] == name
+        ]
         """The figures of all iterations of this training so far, also of those before it was resumed."""
         self._lines = path.open("a")
         self._events = SummaryWriter(str(directory / "tensorboard"), purge_step=done + 1)
@@ -203,7 +215,9 @@ class _NoLog(nullcontext):
 class _Watch:
     """Says each warning once, when it is first seen; the text before its colon is its name."""
 
-    def __init__(self, warn: Callable[[Sequence[Figures]], list[str]] | None, context: StageContext) -> None:
+    def __init__(
+        self, warn: Callable[[Sequence[Figures]], list[str]] | None, context: StageContext
+    ) -> None:
         self._warn, self._progress, self._said = warn, context.progress, set[str]()
 
     def __call__(self, history: Sequence[Figures]) -> list[str]:
@@ -225,7 +239,11 @@ def _save(
     context: StageContext,
     config: dict[str, Any],
 ) -> None:
-    state = {"trainer": trainer.state_dict(), "torch_rng": torch.get_rng_state(), "figures": figures}
+    state = {
+        "trainer": trainer.state_dict(),
+        "torch_rng": torch.get_rng_state(),
+        "figures": figures,
+    }
     if context.device.startswith("cuda"):
         state["cuda_rng"] = torch.cuda.get_rng_state()
     arrays, structure = flatten_state(state)

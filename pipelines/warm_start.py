@@ -68,7 +68,9 @@ def clip_states(library: MotionLibrary) -> ClipStates:
     linear = rotations.rotate(frames.root_quat, frames.root_lin_vel_b)
     qpos = torch.cat((frames.root_pos, frames.root_quat, frames.joint_pos), dim=1)
     qvel = torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=1)
-    return ClipStates(qpos, qvel, first, last, library.joint_targets(clips, within * CONTROL_DT, CONTROL_DT))
+    return ClipStates(
+        qpos, qvel, first, last, library.joint_targets(clips, within * CONTROL_DT, CONTROL_DT)
+    )
 
 
 def infer_actions(spec: RobotSpec, states: ClipStates, action_scale: float) -> torch.Tensor:
@@ -105,12 +107,16 @@ def _solve(
     padded = torch.cat((rows, rows[-1:].expand(physics.num_worlds - len(rows))))
     worlds = torch.arange(physics.num_worlds, device=rows.device)
     default = torch.tensor(spec.default_joint_pos, device=rows.device)
-    lead = torch.tensor(spec.damping, device=rows.device) / torch.tensor(spec.stiffness, device=rows.device)
+    lead = torch.tensor(spec.damping, device=rows.device) / torch.tensor(
+        spec.stiffness, device=rows.device
+    )
     wanted_q, wanted_v = states.qpos[padded + 1, 7:], states.qvel[padded + 1, 6:]
     target = wanted_q + lead * wanted_v
     for _ in range(ITERATIONS):
         physics.reset(worlds, states.qpos[padded], states.qvel[padded])
         physics.step(target)
-        correction = GAIN_POSITION * (wanted_q - physics.qpos[:, 7:]) + GAIN_VELOCITY * (wanted_v - physics.qvel[:, 6:])
+        correction = GAIN_POSITION * (wanted_q - physics.qpos[:, 7:]) + GAIN_VELOCITY * (
+            wanted_v - physics.qvel[:, 6:]
+        )
         target = target + 0.7 * correction
     return ((target - default) / action_scale).clamp(-BOUND, BOUND)[: len(rows)]

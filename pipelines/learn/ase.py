@@ -85,20 +85,27 @@ class Ase(Ppo):
         self.ase, self.demonstrations = ase, demonstrations
         dim = demonstrations(1).shape[-1]
         self.normalizer = TransitionNormalizer(dim // 2).to(device)
-        network = {"gan": lambda: GanDiscriminator(dim, ase.gan), "drail": lambda: DrailDiscriminator(dim, ase.drail)}
+        network = {
+            "gan": lambda: GanDiscriminator(dim, ase.gan),
+            "drail": lambda: DrailDiscriminator(dim, ase.drail),
+        }
         self.discriminator = network[ase.discriminator]().to(device)
         self.encoder = SkillEncoder(dim, sizes[LATENT], ase.encoder_hidden).to(device)
         parallel.copy_from_first(self.discriminator, self.encoder)
         self.discriminator_optimizer = _adam(self.discriminator, ase.learning_rate)
         self.encoder_optimizer = _adam(self.encoder, ase.encoder_learning_rate)
         self.replay = ReplayBuffer(ase.replay_capacity, dim, seed=seed + 1, device=device)
-        self.labelled: Callable[[int, torch.Generator], tuple[torch.Tensor, torch.Tensor]] | None = None
+        self.labelled: (
+            Callable[[int, torch.Generator], tuple[torch.Tensor, torch.Tensor]] | None
+        ) = None
         """Demonstrated transitions (n, 2F) with their latents (n, d), once something knows them."""
         self.draw = torch.Generator(device).manual_seed(seed + 2)
         self.transitions = torch.zeros(ppo.horizon, num_worlds, dim, device=device)
         self.valid = torch.ones(ppo.horizon, num_worlds, dtype=torch.bool, device=device)
 
-    def record_transition(self, frame: torch.Tensor, next_frame: torch.Tensor, valid: torch.Tensor) -> None:
+    def record_transition(
+        self, frame: torch.Tensor, next_frame: torch.Tensor, valid: torch.Tensor
+    ) -> None:
         """Keep the style transition (N, F), (N, F) of the step about to be recorded; both frames before any reset."""
         self.transitions[self.storage.step] = torch.cat((frame, next_frame), dim=-1)
         self.valid[self.storage.step] = valid
@@ -128,7 +135,9 @@ class Ase(Ppo):
             figures["diversity"] = figures.pop("auxiliary") / self.ase.diversity
         return figures
 
-    def auxiliary_loss(self, batch: RolloutStorage.Batch, mean: torch.Tensor) -> torch.Tensor | None:
+    def auxiliary_loss(
+        self, batch: RolloutStorage.Batch, mean: torch.Tensor
+    ) -> torch.Tensor | None:
         """Diversity: how far the actions move must match how far the latent moves (paper, "Diversity Term").
 
         The KL of two Gaussians with one fixed std is the squared distance of their means up to a factor; as in the
@@ -137,12 +146,18 @@ class Ase(Ppo):
         if not self.ase.diversity:
             return None
         count = max(1, int(DIVERSITY_SHARE * len(mean)))
-        policy, z, explore = (batch.observations[name][:count] for name in (POLICY, LATENT, EXPLORE))
+        policy, z, explore = (
+            batch.observations[name][:count] for name in (POLICY, LATENT, EXPLORE)
+        )
         other, weight = project(torch.randn_like(z)), (explore.squeeze(-1) > 0.0).float()
         moved = self.actor(TensorDict({POLICY: policy, LATENT: other}, batch_size=[count]))
         distance = 0.5 - 0.5 * (z * other).sum(dim=-1)
         ratio = (mean[:count] - moved).square().mean(dim=-1) / (distance + 1e-5)
-        return self.ase.diversity * ((1.0 - ratio).square() * weight).sum() / weight.sum().clamp_min(1.0)
+        return (
+            self.ase.diversity
+            * ((1.0 - ratio).square() * weight).sum()
+            / weight.sum().clamp_min(1.0)
+        )
 
     def save(self) -> dict[str, object]:
         """rsl_rl's state plus that of the adversarial part."""
@@ -159,7 +174,14 @@ class Ase(Ppo):
     def load(self, loaded_dict: dict, load_cfg: dict | None = None, strict: bool = True) -> bool:
         """Restore :meth:`save`."""
         self.draw.set_state(loaded_dict["draw"])
-        for name in ("discriminator", "encoder", "normalizer", "discriminator_optimizer", "encoder_optimizer", "replay"):
+        for name in (
+            "discriminator",
+            "encoder",
+            "normalizer",
+            "discriminator_optimizer",
+            "encoder_optimizer",
+            "replay",
+        ):
             getattr(self, name).load_state_dict(loaded_dict[name])
         return super().load(loaded_dict, load_cfg, strict)
 
@@ -168,7 +190,9 @@ class Ase(Ppo):
         flat = self.normalizer(self.transitions.flatten(0, 1))
         z = self.storage.observations[LATENT].flatten(0, 1)
         # Piece by piece: a denoiser's activations for a whole rollout leave every cache.
-        logits = torch.cat([self.discriminator.logits(piece, self.draw) for piece in flat.split(REWARDED_AT_ONCE)])
+        logits = torch.cat(
+            [self.discriminator.logits(piece, self.draw) for piece in flat.split(REWARDED_AT_ONCE)]
+        )
         imitation = imitation_reward(logits, self.ase.reward_ceiling)
         predicted = self.encoder(flat)
         skill = encoder_reward(predicted, z)
@@ -194,19 +218,33 @@ class Ase(Ppo):
         order = torch.randperm(len(agent), generator=self.draw, device=self.device)
         for index in range(ase.updates):
             # Every minibatch draws from all worlds and all steps (facts 9.2, B10).
-            rows = order[torch.arange(index * ase.batch, (index + 1) * ase.batch, device=self.device) % len(order)]
+            rows = order[
+                torch.arange(index * ase.batch, (index + 1) * ase.batch, device=self.device)
+                % len(order)
+            ]
             half = rows[: ase.batch // 2]
-            policy = torch.cat((agent[half], self.normalizer(self.replay.sample(ase.batch - len(half)))))
+            policy = torch.cat(
+                (agent[half], self.normalizer(self.replay.sample(ase.batch - len(half))))
+            )
             demo = self.normalizer(self.demonstrations(ase.batch))
             loss, figures = self.discriminator.loss(policy, demo, self.draw)
             # A factor, not a branch: nothing waits for the device, and every process takes the same steps.
-            accuracy = parallel.average(0.5 * (figures["agent_accuracy"] + figures["demo_accuracy"]))
+            accuracy = parallel.average(
+                0.5 * (figures["agent_accuracy"] + figures["demo_accuracy"])
+            )
             behind = accuracy < self.discriminator.config.max_accuracy
             _descend(self.discriminator_optimizer, loss * behind)
             miss = encoder_loss(self.encoder(agent[rows]), z[rows])
             anchored = ase.anchor > 0.0 and self.labelled is not None
-            _descend(self.encoder_optimizer, miss + ase.anchor * self._labelled_loss(ase.batch // 2) if anchored else miss)
-            for name, value in {**figures, "discriminator": loss.detach(), "encoder": miss.detach()}.items():
+            _descend(
+                self.encoder_optimizer,
+                miss + ase.anchor * self._labelled_loss(ase.batch // 2) if anchored else miss,
+            )
+            for name, value in {
+                **figures,
+                "discriminator": loss.detach(),
+                "encoder": miss.detach(),
+            }.items():
                 totals[name] = totals.get(name, 0.0) + value
         return {name: float(total) / ase.updates for name, total in totals.items()}
 

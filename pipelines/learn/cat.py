@@ -41,12 +41,16 @@ class SoftTerminations:
         return torch.stack(deltas).amax(dim=0)
 
     def _track(self, name: str, positive: torch.Tensor) -> torch.Tensor:
-        total, count = parallel.average(torch.stack((positive.sum(dim=0), (positive > 0.0).float().sum(dim=0))))
+        total, count = parallel.average(
+            torch.stack((positive.sum(dim=0), (positive > 0.0).float().sum(dim=0)))
+        )
         typical = total / count.clamp_min(1e-6)
         if name not in self.c_max:
             self.c_max[name] = typical.clamp_min(1e-6)
         old = self.c_max[name]
-        self.c_max[name] = torch.where(count > 0.0, torch.lerp(old, typical, self.rate), old).clamp_min(1e-6)
+        self.c_max[name] = torch.where(
+            count > 0.0, torch.lerp(old, typical, self.rate), old
+        ).clamp_min(1e-6)
         return self.c_max[name]
 
     def state_dict(self) -> dict[str, torch.Tensor]:

@@ -39,7 +39,9 @@ class Teacher:
     def observe(self, rows: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
         """(n, F + A) noisy observations: the fitted policy must forgive what it will meet."""
         last = self.previous[rows]
-        last = last + self.action_noise * torch.randn(last.shape, generator=draw, device=draw.device)
+        last = last + self.action_noise * torch.randn(
+            last.shape, generator=draw, device=draw.device
+        )
         clean = torch.cat((self.frames[rows], last), dim=-1)
         spread = 2.0 * torch.rand(clean.shape, generator=draw, device=draw.device) - 1.0
         return clean + spread * self.noise
@@ -79,7 +81,9 @@ def clone(
 
     with torch.no_grad():
         actor.update_normalization(observe(starts(4 * batch))[0])
-    optimizer = torch.optim.Adam([*actor.mlp.parameters(), *embedding.parameters()], lr=learning_rate, fused=True)
+    optimizer = torch.optim.Adam(
+        [*actor.mlp.parameters(), *embedding.parameters()], lr=learning_rate, fused=True
+    )
     errors = []
     for step in range(steps):
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / steps)

@@ -31,7 +31,9 @@ class Discriminator(Protocol):
     def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
         """(n,) log-odds that a transition is a demonstration; D = sigmoid(logits)."""
 
-    def loss(self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator) -> tuple[torch.Tensor, dict]:
+    def loss(
+        self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator
+    ) -> tuple[torch.Tensor, dict]:
         """Scalar loss to minimise, and what to log: accuracies and mean logits as 0-d tensors."""
 
     def parameters(self) -> object:
@@ -43,7 +45,9 @@ def imitation_reward(logits: torch.Tensor, ceiling: float = 5.0) -> torch.Tensor
     return nn.functional.softplus(logits).clamp_max(ceiling)
 
 
-def classification(agent: torch.Tensor, demo: torch.Tensor) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+def classification(
+    agent: torch.Tensor, demo: torch.Tensor
+) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
     """Binary cross-entropy of agent (n,) and demonstration (m,) logits, each class averaged, and its statistics."""
     bce = 0.5 * (nn.functional.softplus(agent).mean() + nn.functional.softplus(-demo).mean())
     with torch.no_grad():

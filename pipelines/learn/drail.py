@@ -49,7 +49,9 @@ class DrailDiscriminator(nn.Module):
         self.entry = nn.Linear(transition_dim, config.hidden)
         self.label = nn.Embedding(2, config.hidden)
         self.time = nn.Embedding(config.steps, config.hidden)
-        self.hidden = nn.ModuleList(nn.Linear(config.hidden, config.hidden) for _ in range(config.layers - 1))
+        self.hidden = nn.ModuleList(
+            nn.Linear(config.hidden, config.hidden) for _ in range(config.layers - 1)
+        )
         self.exit = nn.Linear(config.hidden, transition_dim)
         nn.init.normal_(self.time.weight, std=0.5)
         nn.init.normal_(self.label.weight, std=0.5)
@@ -59,12 +61,17 @@ class DrailDiscriminator(nn.Module):
         """(n, 2F) normalised transitions -> (n,) log-odds of being a demonstration."""
         count, samples = len(transition), self.config.samples
         times = self._times(count, draw)
-        noise = torch.randn(count, samples, transition.shape[-1], generator=draw, device=draw.device)
+        noise = torch.randn(
+            count, samples, transition.shape[-1], generator=draw, device=draw.device
+        )
         keep = self.alpha_bar[times][..., None]
         noisy = keep.sqrt() * transition[:, None] + (1.0 - keep).sqrt() * noise
         # The entry layer sees the same input under both labels: compute it once.
         shared = self.entry(noisy) + self.time(times)
-        errors = [(self._denoise(shared + self.label.weight[label]) - noise).square().mean(dim=(1, 2)) for label in (0, 1)]
+        errors = [
+            (self._denoise(shared + self.label.weight[label]) - noise).square().mean(dim=(1, 2))
+            for label in (0, 1)
+        ]
         return self.config.scale * (errors[0] - errors[1])
 
     def loss(
@@ -91,7 +98,11 @@ class DrailDiscriminator(nn.Module):
 
 def cosine_schedule(steps: int, offset: float = 0.008) -> torch.Tensor:
     """(steps,) cumulative signal share alpha_bar of Nichol & Dhariwal (2021), betas clipped to [1e-4, 0.9999]."""
-    phase = (torch.arange(steps + 1, dtype=torch.float64) / steps + offset) / (1.0 + offset) * (torch.pi / 2.0)
+    phase = (
+        (torch.arange(steps + 1, dtype=torch.float64) / steps + offset)
+        / (1.0 + offset)
+        * (torch.pi / 2.0)
+    )
     signal = torch.cos(phase).square()
     betas = (1.0 - signal[1:] / signal[:-1]).clamp(1e-4, 0.9999)
     return torch.cumprod(1.0 - betas, dim=0).float()

@@ -12,7 +12,9 @@ from lacoloco.pipelines.learn.latents import project
 class SkillEncoder(nn.Module):
     """Predicts the mean direction mu_q (n, dim) of the von Mises-Fisher distribution from a transition (n, 2F)."""
 
-    def __init__(self, transition_dim: int, latent_dim: int, hidden: tuple[int, ...] = (256, 128)) -> None:
+    def __init__(
+        self, transition_dim: int, latent_dim: int, hidden: tuple[int, ...] = (256, 128)
+    ) -> None:
         """Build an ELU MLP whose output is projected to the sphere."""
         super().__init__()
         self.mlp = MLP(transition_dim, latent_dim, list(hidden), "elu")

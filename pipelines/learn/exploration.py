@@ -18,7 +18,12 @@ class Exploration:
     """
 
     def __init__(
-        self, num_worlds: int, deterministic_share: float, spell: float, bold_share: float, device: torch.device | str
+        self,
+        num_worlds: int,
+        deterministic_share: float,
+        spell: float,
+        bold_share: float,
+        device: torch.device | str,
     ) -> None:
         """Begin with everybody sampling."""
         self.probability = deterministic_schedule(num_worlds, deterministic_share).to(device)

@@ -61,4 +61,7 @@ class GanDiscriminator(nn.Module):
         penalty = slope.square().sum(dim=-1).mean()
         decay = self.mlp[-1].weight.square().sum()
         figures["gradient_penalty"] = penalty.detach()
-        return bce + self.config.gradient_penalty * penalty + self.config.logit_decay * decay, figures
+        return (
+            bce + self.config.gradient_penalty * penalty + self.config.logit_decay * decay,
+            figures,
+        )

@@ -30,7 +30,10 @@ def latent_usage(chosen: torch.Tensor) -> dict[str, float]:
     weights = torch.linalg.eigvalsh(moment).clamp_min(1e-12)
     weights = weights / weights.sum()
     entropy = -(weights * weights.log()).sum()
-    return {"latent_resultant": float(chosen.mean(dim=0).norm()), "latent_directions": float(entropy.exp())}
+    return {
+        "latent_resultant": float(chosen.mean(dim=0).norm()),
+        "latent_directions": float(entropy.exp()),
+    }
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,19 @@ class LatentSchedule:
     """
 
     def __init__(
-        self, num_worlds: int, config: LatentConfig, *, seed: int, device: torch.device | str = "cpu"
+        self,
+        num_worlds: int,
+        config: LatentConfig,
+        *,
+        seed: int,
+        device: torch.device | str = "cpu",
     ) -> None:
         """Draw a latent (N, dim) and its duration for every world."""
-        self.config, self.draw, self.device = config, torch.Generator(device).manual_seed(seed), device
+        self.config, self.draw, self.device = (
+            config,
+            torch.Generator(device).manual_seed(seed),
+            device,
+        )
         self.wandering = torch.zeros(num_worlds, dtype=torch.bool, device=device)
         """(N,) bool, which worlds wander; none until somebody says so."""
         # Multiples of the golden ratio: evenly spread over whichever worlds wander.
@@ -96,13 +108,19 @@ class LatentSchedule:
         self.draw.set_state(state["draw"])
 
     def _next(self, worlds: torch.Tensor, done: torch.Tensor) -> torch.Tensor:
-        fresh = torch.randn(len(worlds), self.config.dim, generator=self.draw, device=self.draw.device)
-        jumps = torch.rand(len(worlds), generator=self.draw, device=self.draw.device) < self.config.jump
+        fresh = torch.randn(
+            len(worlds), self.config.dim, generator=self.draw, device=self.draw.device
+        )
+        jumps = (
+            torch.rand(len(worlds), generator=self.draw, device=self.draw.device) < self.config.jump
+        )
         goes_on = pick(self.wandering & ~done, worlds) & ~jumps
         moved = pick(self.z, worlds) + pick(self.stride, worlds)[:, None] * fresh
         return project(torch.where(goes_on[:, None], moved, fresh))
 
     def _durations(self, worlds: torch.Tensor) -> torch.Tensor:
         low, high = self.config.min_steps, self.config.max_steps
-        held = torch.randint(low, high + 1, (len(worlds),), generator=self.draw, device=self.draw.device)
+        held = torch.randint(
+            low, high + 1, (len(worlds),), generator=self.draw, device=self.draw.device
+        )
         return torch.where(pick(self.wandering, worlds), self.config.wander_steps, held)

@@ -46,7 +46,9 @@ def make_critic(sizes: dict[str, int], config: NetworkConfig) -> MLPModel:
 
 def example(sizes: dict[str, int], count: int = 1) -> TensorDict:
     """Zero observations of the right widths, for building models and buffers."""
-    return TensorDict({name: torch.zeros(count, size) for name, size in sizes.items()}, batch_size=[count])
+    return TensorDict(
+        {name: torch.zeros(count, size) for name, size in sizes.items()}, batch_size=[count]
+    )
 
 
 def set_std(actor: MLPModel, std: float) -> None:
@@ -62,7 +64,11 @@ def geometric(ends: tuple[float, float], share: float) -> float:
 
 
 def _model(
-    sizes: dict[str, int], outputs: int, hidden: tuple[int, ...], activation: str, distribution: dict | None
+    sizes: dict[str, int],
+    outputs: int,
+    hidden: tuple[int, ...],
+    activation: str,
+    distribution: dict | None,
 ) -> MLPModel:
     return MLPModel(
         example(sizes),

@@ -88,17 +88,25 @@ class Ppo(PPO):
             self.broadcast_parameters()
         self.config, self.num_worlds = config, num_worlds
         groups = [
-            {"params": [p for p in self.actor.parameters() if p.requires_grad], "lr": config.learning_rate},
+            {
+                "params": [p for p in self.actor.parameters() if p.requires_grad],
+                "lr": config.learning_rate,
+            },
             {"params": list(self.critic.parameters()), "lr": config.critic_learning_rate},
         ]
         self.optimizer = torch.optim.Adam(groups, fused=True)
         self._set_learning_rate(config.learning_rate)
-        self.exploration = Exploration(num_worlds, config.deterministic_share, config.spell, config.bold_share, device)
+        self.exploration = Exploration(
+            num_worlds, config.deterministic_share, config.spell, config.bold_share, device
+        )
         self.desired_kl = config.desired_kl
         self.actor_learns = True
         """False leaves the actor as it is, for as long as the critic's advantages would only harm it."""
         shape = (config.horizon, num_worlds)
-        self.delta, self.next_values = torch.zeros(shape, device=device), torch.zeros(shape, device=device)
+        self.delta, self.next_values = (
+            torch.zeros(shape, device=device),
+            torch.zeros(shape, device=device),
+        )
         self.done = torch.zeros(shape, dtype=torch.bool, device=device)
 
     def act(self, obs: TensorDict) -> torch.Tensor:
@@ -109,7 +117,9 @@ class Ppo(PPO):
             sampled = super().act(obs)
         mean, std = self.transition.distribution_params
         self.transition.actions = mean + scale[:, None] * (sampled - mean)
-        self.transition.actions_log_prob = _gaussian_log_prob(self.transition.actions, mean, _scaled(std, scale))
+        self.transition.actions_log_prob = _gaussian_log_prob(
+            self.transition.actions, mean, _scaled(std, scale)
+        )
         return self.transition.actions
 
     def record(
@@ -160,7 +170,13 @@ class Ppo(PPO):
         next_values = torch.where(self.done, self.next_values, following)
         rewards = storage.rewards.squeeze(-1) * (1.0 - self.delta)
         gain = advantages(
-            rewards, values, next_values, self.delta, self.done, gamma=self.config.gamma, lam=self.config.lam
+            rewards,
+            values,
+            next_values,
+            self.delta,
+            self.done,
+            gamma=self.config.gamma,
+            lam=self.config.lam,
         )
         storage.returns = (gain + values)[..., None]
         explore = storage.observations[EXPLORE].squeeze(-1) > 0.0
@@ -168,7 +184,9 @@ class Ppo(PPO):
         mean, std = parallel.mean_and_std(chosen)
         storage.advantages = ((gain - mean) / (std + 1e-8))[..., None]
 
-    def auxiliary_loss(self, batch: RolloutStorage.Batch, mean: torch.Tensor) -> torch.Tensor | None:
+    def auxiliary_loss(
+        self, batch: RolloutStorage.Batch, mean: torch.Tensor
+    ) -> torch.Tensor | None:
         """A further loss on the actor, given a minibatch and its mean actions (n, A); none here."""
         return None
 
@@ -192,7 +210,10 @@ class Ppo(PPO):
         self.actor.update_normalization(observations)
         self.critic.update_normalization(observations)
         figures = {name: float(total) / count for name, total in totals.items()}
-        figures |= {"learning_rate": float(self.learning_rate), "explained_variance": self._explained_variance()}
+        figures |= {
+            "learning_rate": float(self.learning_rate),
+            "explained_variance": self._explained_variance(),
+        }
         self.storage.clear()
         return figures
 
@@ -246,7 +267,11 @@ class Ppo(PPO):
     ) -> torch.Tensor:
         old_mean, old_std = batch.old_distribution_params
         old_std = _scaled(old_std, scale)
-        terms = (std / old_std).log() + (old_std.square() + (old_mean - mean).square()) / (2 * std.square()) - 0.5
+        terms = (
+            (std / old_std).log()
+            + (old_std.square() + (old_mean - mean).square()) / (2 * std.square())
+            - 0.5
+        )
         kl = parallel.average((terms.sum(dim=-1) * weight).sum())
         config, rate = self.config, self.learning_rate
         slower = (rate / 1.5).clamp_min(config.min_learning_rate)
@@ -272,6 +297,8 @@ def _scaled(std: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
     return std * torch.where(scale > 0.0, scale, 1.0)[:, None]
 
 
-def _gaussian_log_prob(actions: torch.Tensor, mean: torch.Tensor, std: torch.Tensor) -> torch.Tensor:
+def _gaussian_log_prob(
+    actions: torch.Tensor, mean: torch.Tensor, std: torch.Tensor
+) -> torch.Tensor:
     scaled = (actions - mean) / std
     return (-0.5 * scaled.square() - std.log() - 0.9189385332046727).sum(dim=-1)

@@ -11,7 +11,9 @@ STATE_BYTES = 8 << 20
 class ReplayBuffer:
     """Keeps ``capacity`` transitions (2F numbers each); once full, each newcomer overwrites a random slot."""
 
-    def __init__(self, capacity: int, transition_dim: int, *, seed: int, device: torch.device | str = "cpu") -> None:
+    def __init__(
+        self, capacity: int, transition_dim: int, *, seed: int, device: torch.device | str = "cpu"
+    ) -> None:
         """Allocate an empty memory."""
         self.data = torch.zeros(capacity, transition_dim, device=device)
         self.size, self.draw = 0, torch.Generator(device).manual_seed(seed)

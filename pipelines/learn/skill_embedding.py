@@ -53,7 +53,9 @@ class SkillEmbedding(nn.Module):
         frames = timeline.frames
         mean, std = frames.mean(dim=0), frames.std(dim=0).clamp_min(1e-3)
         self.config, self._last, self._normalized = config, timeline.last, (frames - mean) / std
-        self._offsets = torch.linspace(0, config.steps, config.frames, device=frames.device).round().long()
+        self._offsets = (
+            torch.linspace(0, config.steps, config.frames, device=frames.device).round().long()
+        )
         width = frames.shape[1] * config.frames
         self.mlp = MLP(width, latent_dim, list(config.hidden), "elu").to(frames.device)
 
@@ -67,14 +69,18 @@ class SkillEmbedding(nn.Module):
 
         The last frame of a clip is never among them: every moment has a next frame.
         """
-        ahead = torch.randint(0, self.config.ahead + 1, starts.shape, generator=draw, device=draw.device)
+        ahead = torch.randint(
+            0, self.config.ahead + 1, starts.shape, generator=draw, device=draw.device
+        )
         return torch.minimum(starts + ahead, self._last[starts] - 1)
 
 
 class LabelledTransitions:
     """Demonstrated transitions with the latents of their windows, for a skill encoder to agree with."""
 
-    def __init__(self, timeline: Timeline, embedding: SkillEmbedding, starts: Callable[[int], torch.Tensor]) -> None:
+    def __init__(
+        self, timeline: Timeline, embedding: SkillEmbedding, starts: Callable[[int], torch.Tensor]
+    ) -> None:
         """``starts(n)`` draws n rows of the timeline."""
         self.frames, self.embedding, self.starts = timeline.frames, embedding, starts
 

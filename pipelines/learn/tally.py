@@ -25,4 +25,10 @@ class Tally:
         """All sums, in one transfer; their mean over the processes of a training, all of which must ask."""
         if not self._sums:
             return {}
-        return dict(zip(self._sums, parallel.average(torch.stack(list(self._sums.values()))).tolist(), strict=True))
+        return dict(
+            zip(
+                self._sums,
+                parallel.average(torch.stack(list(self._sums.values()))).tolist(),
+                strict=True,
+            )
+        )

@@ -46,7 +46,10 @@ def draw(stages: dict[str, list[Training]], title: str) -> Figure:
     """A section per stage, each with the panels that its trainings have figures for."""
     shown = {stage: _shown(PANELS[stage], members) for stage, members in stages.items()}
     rows = {stage: -(-len(panels) // COLUMNS) for stage, panels in shown.items()}
-    heads = {stage: 0.5 + 0.17 * (-(-len(members) // LEGEND_COLUMNS)) for stage, members in stages.items()}
+    heads = {
+        stage: 0.5 + 0.17 * (-(-len(members) // LEGEND_COLUMNS))
+        for stage, members in stages.items()
+    }
     heights = [PANEL_SIZE[1] * rows[stage] + heads[stage] for stage in stages]
     figure = Figure(figsize=(PANEL_SIZE[0] * COLUMNS, sum(heights) + 0.1), layout="constrained")
     parts = np.atleast_1d(figure.subfigures(len(stages), 1, height_ratios=heights))
@@ -61,7 +64,9 @@ def smooth(values: np.ndarray, width: int) -> np.ndarray:
     return np.convolve(values, kernel, "same") / np.convolve(np.ones(len(values)), kernel, "same")
 
 
-def _section(part: SubFigure, title: str, members: Sequence[Training], panels: list[Panel], rows: int) -> None:
+def _section(
+    part: SubFigure, title: str, members: Sequence[Training], panels: list[Panel], rows: int
+) -> None:
     grid = np.atleast_1d(part.subplots(rows, COLUMNS)).ravel()
     for axes, panel in zip(grid, panels, strict=False):
         _panel(axes, panel, members)
@@ -71,7 +76,10 @@ def _section(part: SubFigure, title: str, members: Sequence[Training], panels: l
     alone = f", {members[0].label}" if len(members) == 1 else ""
     part.suptitle(title + alone, x=0.006, ha="left", fontsize=10.5, fontweight="bold")
     if not alone:
-        handles = [Line2D([], [], color=_colour(index), label=one.label) for index, one in enumerate(members)]
+        handles = [
+            Line2D([], [], color=_colour(index), label=one.label)
+            for index, one in enumerate(members)
+        ]
         part.legend(handles=handles, loc="outside upper right", ncols=LEGEND_COLUMNS, fontsize=7.5)
 
 
@@ -96,13 +104,19 @@ def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
             colour = GREY if several or len(panel.references) == 1 else _colour(position)
             axes.axhline(level, color=colour, linestyle=":", linewidth=1.0, zorder=1.5)
             if line.label:
-                handles.setdefault(line.label, Line2D([], [], color=GREY, linestyle=":", label=line.label))
+                handles.setdefault(
+                    line.label, Line2D([], [], color=GREY, linestyle=":", label=line.label)
+                )
     if panel.level is not None:
         axes.axhline(panel.level[0], color=GREY, linestyle=(0, (6, 3)), linewidth=0.8, zorder=1.5)
-        handles[panel.level[1]] = Line2D([], [], color=GREY, linestyle=(0, (6, 3)), linewidth=0.8, label=panel.level[1])
+        handles[panel.level[1]] = Line2D(
+            [], [], color=GREY, linestyle=(0, (6, 3)), linewidth=0.8, label=panel.level[1]
+        )
     _scale(axes, panel)
     if handles:
-        axes.legend(handles=list(handles.values()), loc="best", borderaxespad=0.2, labelspacing=0.25)
+        axes.legend(
+            handles=list(handles.values()), loc="best", borderaxespad=0.2, labelspacing=0.25
+        )
 
 
 def _curve(axes: Axes, training: Training, line: Line, look: dict[str, object], log: bool) -> None:
@@ -135,7 +149,9 @@ def _scale(axes: Axes, panel: Panel) -> None:
 
 
 def _shown(panels: Sequence[Panel], members: Sequence[Training]) -> list[Panel]:
-    return [panel for panel in panels if any(_expand(panel.lines, training) for training in members)]
+    return [
+        panel for panel in panels if any(_expand(panel.lines, training) for training in members)
+    ]
 
 
 def _expand(lines: Sequence[Line], training: Training) -> list[Line]:
@@ -146,7 +162,9 @@ def _expand(lines: Sequence[Line], training: Training) -> list[Line]:
             stem = line.figure[:-1]
             names = [name for name in training.figures if name.startswith(stem)]
             labels = [f"{line.label} {name.removeprefix(stem).replace('_', ' ')}" for name in names]
-            found += [Line(name, label, line.factor) for name, label in zip(names, labels, strict=True)]
+            found += [
+                Line(name, label, line.factor) for name, label in zip(names, labels, strict=True)
+            ]
         elif line.figure in training.figures and np.isfinite(training.figures[line.figure]).any():
             found.append(line)
     return found

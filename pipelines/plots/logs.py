@@ -40,7 +40,9 @@ def trainings(store: RunStore, run: str) -> list[Training]:
     found = []
     for stage in store.stages(run):
         folders = [(path.parent, path.parent.name) for path in store.all(run, stage)]
-        folders += [(part.path, f"{part.final.name} (unfinished)") for part in store.partials(run, stage)]
+        folders += [
+            (part.path, f"{part.final.name} (unfinished)") for part in store.partials(run, stage)
+        ]
         for folder, version in sorted(folders, key=lambda item: item[1]):
             if (folder / LOG).is_file():
                 found += _read(folder / LOG, stage, version)
@@ -69,8 +71,12 @@ def _read(log: Path, stage: str, version: str) -> list[Training]:
 
 def _training(name: str, stage: str, version: str, rows: list[dict[str, float]]) -> Training:
     names = dict.fromkeys(figure for row in rows for figure in row)
-    columns = {figure: np.array([row.get(figure, np.nan) for row in rows], float) for figure in names}
+    columns = {
+        figure: np.array([row.get(figure, np.nan) for row in rows], float) for figure in names
+    }
     samples = columns.pop("samples")
-    order = np.argsort(samples, kind="stable")  # a resumed training may log after another one of its directory
+    order = np.argsort(
+        samples, kind="stable"
+    )  # a resumed training may log after another one of its directory
     figures = {figure: values[order] for figure, values in columns.items()}
     return Training(stage, f"{version} {name.removeprefix(stage).strip()}", samples[order], figures)

@@ -36,7 +36,12 @@ PER_SECOND = 50.0
 LEARNER = (
     Panel("Step of the policy", "KL per minibatch [nat]", (Line("kl"),)),
     Panel("Learning rate of the actor", "Adam's step size", (Line("learning_rate"),), log=True),
-    Panel("Critic, explained variance", "share of the returns", (Line("explained_variance"),), limits=(-0.2, 1.0)),
+    Panel(
+        "Critic, explained variance",
+        "share of the returns",
+        (Line("explained_variance"),),
+        limits=(-0.2, 1.0),
+    ),
     Panel("Critic, value loss", "squared error of the return", (Line("value"),), log=True),
 )
 """Panels of PPO, the same for every training."""
@@ -51,7 +56,10 @@ LOW = (
     Panel(
         "Discriminator, accuracy",
         "% right",
-        (Line("agent_accuracy", "on the policy", 100.0), Line("demo_accuracy", "on the clips", 100.0)),
+        (
+            Line("agent_accuracy", "on the policy", 100.0),
+            Line("demo_accuracy", "on the clips", 100.0),
+        ),
         level=(50.0, "blind"),
         limits=(0.0, 100.0),
     ),
@@ -79,14 +87,25 @@ LOW = (
         "m/s",
         (
             Line("speed", "in training"),
-            Line("coverage_speed_p50", "standing start: median, 10-90 %", band=("coverage_speed_p10", "coverage_speed_p90")),
+            Line(
+                "coverage_speed_p50",
+                "standing start: median, 10-90 %",
+                band=("coverage_speed_p10", "coverage_speed_p90"),
+            ),
         ),
         references=(Line("clips_speed_p50", "clips"),),
     ),
     Panel(
         "Lift of the end effector",
         "cm",
-        (Line("coverage_lift", "standing start: mean, 10-90 %", 100.0, ("coverage_lift_p10", "coverage_lift_p90")),),
+        (
+            Line(
+                "coverage_lift",
+                "standing start: mean, 10-90 %",
+                100.0,
+                ("coverage_lift_p10", "coverage_lift_p90"),
+            ),
+        ),
         references=(Line("clips_lift", "clips", 100.0),),
     ),
     Panel("Falls", "per 1000 steps", (Line("falls_per_1000_steps"),)),
@@ -103,9 +122,15 @@ HIGH = (
     Panel("Distance at the end of an episode", "cm", (Line("final_error", "", 100.0),)),
     Panel("Task reward", "per second", (Line("reward", "", PER_SECOND),)),
     Panel("Falls", "% of episodes", (Line("falls_per_episode", "", 100.0),)),
-    Panel("Contact forces above the limit", "% of foot-substeps", (Line("contact_violation", "", 100.0),)),
+    Panel(
+        "Contact forces above the limit",
+        "% of foot-substeps",
+        (Line("contact_violation", "", 100.0),),
+    ),
     Panel("Speed of the base", "m/s", (Line("speed"),)),
-    Panel("Latents in use, resultant", "|mean latent|", (Line("latent_resultant"),), limits=(0.0, 1.0)),
+    Panel(
+        "Latents in use, resultant", "|mean latent|", (Line("latent_resultant"),), limits=(0.0, 1.0)
+    ),
     Panel("Latents in use, directions", "of 7", (Line("latent_directions"),), limits=(1.0, 7.0)),
     Panel("Exploration", "std [raw latent]", (Line("std"),)),
     *LEARNER,
@@ -128,4 +153,9 @@ TRACK = (
     *LEARNER,
 )
 PANELS = {"experts": EXPERTS, "track": TRACK, "train-low": LOW, "train-high": HIGH}
-TITLES = {"experts": "Experts", "track": "Tracker", "train-low": "Low level", "train-high": "High level"}
+TITLES = {
+    "experts": "Experts",
+    "track": "Tracker",
+    "train-low": "Low level",
+    "train-high": "High level",
+}

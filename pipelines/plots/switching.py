@@ -39,7 +39,9 @@ def draw_switching(
         _strip(strip, edges, found, shown, colours)
         for index, skill in enumerate(found.skills):
             values = found.distances[shown, :, index]
-            distance.plot(time, values, color=colours[skill], linewidth=1.0, label=f"nearest {skill} clip")
+            distance.plot(
+                time, values, color=colours[skill], linewidth=1.0, label=f"nearest {skill} clip"
+            )
         _finish(distance, "distance to clips\n[std]", legend=True)
         error.plot(time, 100.0 * found.error[shown], color="black")
         error.annotate(
@@ -55,7 +57,9 @@ def draw_switching(
         everyone.set_xlabel("time [s]")
         everyone.set_xlim(edges[0], edges[-1])
         share = found.figures()["walk_first_reach_last"]
-        title = f"Episode {shown}; {share:.1%} of {len(found.fell)} episodes walk first and reach last"
+        title = (
+            f"Episode {shown}; {share:.1%} of {len(found.fell)} episodes walk first and reach last"
+        )
         figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, fontweight="bold")
         figure.align_ylabels(panels)
         save(figure, file)
@@ -63,7 +67,9 @@ def draw_switching(
 
 def _latent(figure: Figure, axes: Axes, edges: np.ndarray, latent: np.ndarray) -> None:
     rows = np.arange(latent.shape[1] + 1) + 0.5
-    mesh = axes.pcolormesh(edges, rows, latent.T, cmap="RdBu_r", vmin=-1.0, vmax=1.0, rasterized=True)
+    mesh = axes.pcolormesh(
+        edges, rows, latent.T, cmap="RdBu_r", vmin=-1.0, vmax=1.0, rasterized=True
+    )
     axes.set_yticks(rows[:-1] + 0.5)
     axes.invert_yaxis()
     axes.set_ylabel("latent component")
@@ -71,13 +77,23 @@ def _latent(figure: Figure, axes: Axes, edges: np.ndarray, latent: np.ndarray) -
     figure.colorbar(mesh, ax=axes, pad=0.01, ticks=(-1, 0, 1), aspect=12)
 
 
-def _strip(axes: Axes, edges: np.ndarray, found: Switching, shown: int, colours: dict[str, str]) -> None:
+def _strip(
+    axes: Axes, edges: np.ndarray, found: Switching, shown: int, colours: dict[str, str]
+) -> None:
     for index, skill in enumerate(found.skills):
         bars = _bars(edges, found.nearest[shown] == index)
         axes.broken_barh(bars, (0, 1), color=colours[skill], linewidth=0.0)
         if bars:
             begin, length = max(bars, key=lambda bar: bar[1])
-            axes.text(begin + 0.5 * length, 0.5, skill, color="white", ha="center", va="center", clip_on=True)
+            axes.text(
+                begin + 0.5 * length,
+                0.5,
+                skill,
+                color="white",
+                ha="center",
+                va="center",
+                clip_on=True,
+            )
     axes.set_ylim(0, 1)
     axes.set_yticks([])
     axes.set_ylabel("nearest\nclip")
@@ -95,7 +111,9 @@ def _contacts(axes: Axes, edges: np.ndarray, contact: np.ndarray, feet: Sequence
 
 def _everyone(axes: Axes, time: np.ndarray, found: Switching, colours: dict[str, str]) -> None:
     shares = [100.0 * (found.nearest == index).mean(axis=0) for index in range(len(found.skills))]
-    axes.stackplot(time, shares, colors=[colours[skill] for skill in found.skills], alpha=0.75, linewidth=0.0)
+    axes.stackplot(
+        time, shares, colors=[colours[skill] for skill in found.skills], alpha=0.75, linewidth=0.0
+    )
     axes.set_ylim(0, 100)
     axes.set_ylabel("all episodes,\nnearest [%]")
     axes.grid(visible=False)

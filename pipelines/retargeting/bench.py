@@ -143,7 +143,12 @@ def verdicts(rows: Sequence[Mapping[str, Any]], speed: Mapping[str, float]) -> l
         ("skate of paper over clip", ">=", 5.0, min(row["skate_ratio"] for row in rows)),
         ("skate, m/s", "<=", 0.01, max(row["clip_skate"] for row in rows)),
         ("penetration, m", "<=", 1e-3, max(row["ground_penetration_max_m"] for row in rows)),
-        ("gap below a standing foot, m", "<=", 3e-3, max(row["stance_float_max_m"] for row in rows)),
+        (
+            "gap below a standing foot, m",
+            "<=",
+            3e-3,
+            max(row["stance_float_max_m"] for row in rows),
+        ),
         ("keypoint error, clip over paper", "<=", 1.2, max(row["error_ratio"] for row in rows)),
         ("contacts as the animal's", ">=", 0.95, min(row["contact_agreement"] for row in rows)),
         ("limit hits", "<=", 0, max(hits)),

@@ -43,7 +43,9 @@ class Course:
         points = np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))
         return Course(points - points[origin] + self.points[origin], self.angles + turn)
 
-    def carry(self, points: np.ndarray, near: np.ndarray, to: Course) -> tuple[np.ndarray, np.ndarray]:
+    def carry(
+        self, points: np.ndarray, near: np.ndarray, to: Course
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The points (T, 2) that lie to the course ``to`` as ``points`` (T, 2) lie to this one.
 
         Args:
@@ -62,7 +64,9 @@ class Course:
         # between the two whose normals have the point on different sides, so that nothing jumps from one to the next
         between = along * further < 0
         share = np.where(between, along / np.where(between, along - further, 1.0), 0.0)[:, None]
-        carried = (1 - share) * self._rigidly(points, nearest, to) + share * self._rigidly(points, other, to)
+        carried = (1 - share) * self._rigidly(points, nearest, to) + share * self._rigidly(
+            points, other, to
+        )
         return carried, beside
 
     def _parts(self, points: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +93,14 @@ def bent(mocap: Mocap, curvature: float) -> Mocap:
     travelled = _travelled(centre, mocap.fps)
     if travelled is None:
         return mocap
-    reach = int(np.ceil(np.linalg.norm(mocap.positions[..., :2] - centre[:, None], axis=-1).max() / STEP)) + 1
+    reach = (
+        int(
+            np.ceil(
+                np.linalg.norm(mocap.positions[..., :2] - centre[:, None], axis=-1).max() / STEP
+            )
+        )
+        + 1
+    )
     course = _course(centre, *travelled, reach)
     to = course.bent(curvature, reach)
     at = reach + np.rint(travelled[0] / STEP).astype(int)
@@ -126,7 +137,9 @@ def _course(centre: np.ndarray, gone: np.ndarray, angle: np.ndarray, reach: int)
     """The course of a centre (T, 2), with ``reach`` points before and after it."""
     _, first = np.unique(gone, return_index=True)
     grid = STEP * np.arange(int(np.rint(gone[-1] / STEP)) + 1)
-    points = np.stack([np.interp(grid, gone[first], centre[first, axis]) for axis in range(2)], axis=1)
+    points = np.stack(
+        [np.interp(grid, gone[first], centre[first, axis]) for axis in range(2)], axis=1
+    )
     ends = STEP * np.arange(1, reach + 1)[:, None]
     before = points[0] - ends[::-1] * _direction(angle[0])
     after = points[-1] + ends * _direction(angle[-1])

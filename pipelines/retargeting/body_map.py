@@ -68,9 +68,7 @@ class LegGeometry:
     """Longest distance between a hip and its foot, m."""
 
 
-def body_map(
-    spec: RobotSpec, contacts: Mapping[str, Sequence[str]] | None = None
-) -> BodyMap:
+def body_map(spec: RobotSpec, contacts: Mapping[str, Sequence[str]] | None = None) -> BodyMap:
     """Read the pairs of hips and feet off the robot's keypoints.
 
     Args:

@@ -76,7 +76,9 @@ class RetargetConfig:
         if not 0 <= self.fps < float("inf"):
             raise StageError(f"--fps {self.fps}: give frames per second, or 0 for the file's")
         if not 0 <= self.unit < float("inf"):
-            raise StageError(f"--unit {self.unit}: give the metres per unit of the files, e.g. 0.01")
+            raise StageError(
+                f"--unit {self.unit}: give the metres per unit of the files, e.g. 0.01"
+            )
         for option, bends in (("--bend", (self.bend,)), ("augment_bends", self.augment_bends)):
             for bend in bends:
                 if not abs(bend) < float("inf"):

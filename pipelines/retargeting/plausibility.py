@@ -80,18 +80,14 @@ def _check_scale(mocap: Mocap, mapping: BodyMap, file: str, unit: float) -> None
         return
     if length <= 0.0:
         raise DatasetError(f"{file}: its limbs have no length")
-    name, right = min(
-        UNITS.items(), key=lambda item: abs(np.log(length / unit * item[1] / USUAL))
-    )
+    name, right = min(UNITS.items(), key=lambda item: abs(np.log(length / unit * item[1] / USUAL)))
     raise DatasetError(
         f"{file}: limbs of {length:.3g} m are no animal's; it seems to be in {name}: give"
         f" --unit {right:g} instead of {unit:g}"
     )
 
 
-def _check_axis(
-    legs_up: np.ndarray, trunk_up: np.ndarray, file: str, up_axis: UpAxis
-) -> None:
+def _check_axis(legs_up: np.ndarray, trunk_up: np.ndarray, file: str, up_axis: UpAxis) -> None:
     """A wrong axis turns limbs and trunk alike; exchanged sides turn the trunk alone."""
     axis = int(np.argmax(np.abs(legs_up)))
     sign = 1 if legs_up[axis] > 0 else -1

@@ -183,7 +183,10 @@ def mapped(spec: RobotSpec, skeleton: SkeletonMap) -> RobotSpec:
     """
     model = spec.model()
     known = {model.body(index).name for index in range(1, model.nbody)}
-    for key, frames in (("keypoints", skeleton.keypoints.values()), ("contacts", skeleton.contacts)):
+    for key, frames in (
+        ("keypoints", skeleton.keypoints.values()),
+        ("contacts", skeleton.contacts),
+    ):
         for frame in frames:
             if frame not in known or (key == "contacts" and frame not in spec.feet):
                 allowed = spec.feet if key == "contacts" else sorted(known)

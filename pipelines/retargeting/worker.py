@@ -88,9 +88,7 @@ class Worker:
         mirror, bend = plain.mirror != task.mirror, plain.bend + task.bend
         reading = replace(plain, pairs=pairs, mirror=mirror, bend=bend)
         mocap = reading.apply(raw)
-        warnings = check_recording(
-            mocap, retargeter.map, retargeter.legs, reading, str(task.path)
-        )
+        warnings = check_recording(mocap, retargeter.map, retargeter.legs, reading, str(task.path))
         return mocap, reading, retargeter, warnings
 
     def work(

@@ -50,7 +50,9 @@ def find_capacity(model: mujoco.MjModel, seed: int = 0) -> Capacity:
         mujoco.mj_normalizeQuat(model, data.qpos)
         mujoco.mj_fwdPosition(model, data)
         contacts, constraints = max(contacts, data.ncon), max(constraints, data.nefc)
-    return Capacity(_override(CONTACTS, _room(contacts)), _override(CONSTRAINTS, _room(constraints)))
+    return Capacity(
+        _override(CONTACTS, _room(contacts)), _override(CONSTRAINTS, _room(constraints))
+    )
 
 
 def _room(count: int) -> int:

@@ -52,7 +52,10 @@ class TargetCommand:
         target = uniform((self.x, self.y, self.z), len(origin), draw)
         if self.radius is not None:
             angle = uniform(((-torch.pi, torch.pi),), len(origin), draw)[:, 0]
-            target[:, 0], target[:, 1] = self.radius * torch.cos(angle), self.radius * torch.sin(angle)
+            target[:, 0], target[:, 1] = (
+                self.radius * torch.cos(angle),
+                self.radius * torch.sin(angle),
+            )
         if self.near > 0.0:
             chance, factor = torch.rand(2, len(origin), 1, generator=draw, device=draw.device)
             target[:, :2] *= torch.where(chance < self.near, factor, 1.0)

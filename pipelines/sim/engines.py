@@ -48,5 +48,7 @@ def _warp(request: PhysicsRequest, device: str) -> Physics:
     try:
         from lacoloco.pipelines.sim.mujoco_warp import WarpPhysics
     except ModuleNotFoundError as error:
-        raise StageError(f"--device {device}: {error.name} is missing; pip install 'lacoloco[gpu]'") from error
+        raise StageError(
+            f"--device {device}: {error.name} is missing; pip install 'lacoloco[gpu]'"
+        ) from error
     return WarpPhysics(request, device)

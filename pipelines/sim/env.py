@@ -89,7 +89,9 @@ class LeggedEnv:
         self.hip_columns = torch.tensor(hips, dtype=torch.long, device=self.device)
         self.num_actions = joints
         self._starts = StandingStarts(spec, task.reset.joint_scale, self.draw, self.device)
-        self._falls = slice(0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies))
+        self._falls = slice(
+            0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies)
+        )
         self._noise = layouts.noise_scale(self.terms).to(self.device)
         # What a trainer may give each world for itself; the same everywhere until then.
         self.noise = torch.full((num_worlds, 1), task.noise, device=self.device)
@@ -112,7 +114,10 @@ class LeggedEnv:
         """Layout of :meth:`observe`."""
         command = None
         if self.task.command is not None:
-            target, velocity = Term("target", 3, "m", "base"), Term("velocity_command", 3, "m/s, rad/s", "base")
+            target, velocity = (
+                Term("target", 3, "m", "base"),
+                Term("velocity_command", 3, "m/s, rad/s", "base"),
+            )
             command = target if self._has_target else velocity
         return layouts.policy_terms(self.num_actions, self.task.joint_pos_noise, command)
 
@@ -134,7 +139,9 @@ class LeggedEnv:
         violations = {c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints}
         # A broken world may report any force, and the constraints' running scales over all worlds would keep it.
         reward = reward.masked_fill(diverged, 0.0)
-        violations = {name: margin.masked_fill(diverged[:, None], 0.0) for name, margin in violations.items()}
+        violations = {
+            name: margin.masked_fill(diverged[:, None], 0.0) for name, margin in violations.items()
+        }
         timed_out = (self.steps >= self.episode_steps) & ~fell
         step = Step(self.frame(), reward, fell, timed_out, ~diverged, violations)
         self._push()
@@ -165,7 +172,9 @@ class LeggedEnv:
         if self.motions is not None and self.task.reset.clip_share > 0.0:
             chosen = select(self._uniform(len(worlds)) < pick(self.clip_share, worlds))
             if len(chosen):
-                for target, value in zip((qpos, qvel), clip_starts(self.motions, len(chosen), self.draw), strict=True):
+                for target, value in zip(
+                    (qpos, qvel), clip_starts(self.motions, len(chosen), self.draw), strict=True
+                ):
                     put(target, chosen, value)
         self.physics.reset(worlds, qpos, qvel)
         self._read()
@@ -175,7 +184,9 @@ class LeggedEnv:
         if self.task.command is not None:
             put(self.command, worlds, self._commands(len(worlds)))
         put(self._resample_at, worlds, self._later(self.task.resample_s, len(worlds)))
-        put(self._push_at, worlds, self._later(self.task.randomisation.push_interval_s, len(worlds)))
+        put(
+            self._push_at, worlds, self._later(self.task.randomisation.push_interval_s, len(worlds))
+        )
 
     def start_from(
         self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor, action: torch.Tensor

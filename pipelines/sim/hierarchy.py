@@ -50,13 +50,18 @@ class LatentSteeredEnv:
     """A reach environment driven through a frozen low level; ``low(obs (N, P), z (N, d)) -> actions (N, J)``."""
 
     def __init__(
-        self, env: LeggedEnv, low: Callable[[torch.Tensor, torch.Tensor], torch.Tensor], latent_dim: int
+        self,
+        env: LeggedEnv,
+        low: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
+        latent_dim: int,
     ) -> None:
         """Wrap an environment whose command is a target."""
         self.env, self.low = env, low
         self.num_worlds, self.device = env.num_worlds, env.device
         self.latent = torch.zeros(env.num_worlds, latent_dim, device=env.device)
-        self.terms: tuple[Term, ...] = layouts.high_level_terms(env.num_actions, env.task.joint_pos_noise)
+        self.terms: tuple[Term, ...] = layouts.high_level_terms(
+            env.num_actions, env.task.joint_pos_noise
+        )
         self.limit = env.spec.foot_force_limit()
         self._frame = 10 + 2 * env.num_actions
         self._low_width = self._frame + env.num_actions

@@ -21,7 +21,11 @@ class EndEffectorChain:
         body = model.body(spec.end_effector.body).id
         while model.body_parentid[body] != 0:
             joint = int(model.body_jntadr[body])
-            axis = None if joint < 0 else torch.tensor(model.jnt_axis[joint], dtype=torch.float32, device=device)
+            axis = (
+                None
+                if joint < 0
+                else torch.tensor(model.jnt_axis[joint], dtype=torch.float32, device=device)
+            )
             column = -1 if joint < 0 else int(model.jnt_qposadr[joint])
             position = torch.tensor(model.body_pos[body], dtype=torch.float32, device=device)
             rotation = torch.tensor(model.body_quat[body], dtype=torch.float32, device=device)
@@ -40,7 +44,9 @@ class EndEffectorChain:
                 rotation = multiply(rotation, turn.expand_as(rotation))
             if axis is not None:
                 half = 0.5 * qpos[:, column : column + 1]
-                rotation = multiply(rotation, torch.cat((torch.cos(half), torch.sin(half) * axis), dim=-1))
+                rotation = multiply(
+                    rotation, torch.cat((torch.cos(half), torch.sin(half) * axis), dim=-1)
+                )
         if self.tip is None:
             return position
         return position + rotate(rotation, self.tip.expand_as(position))

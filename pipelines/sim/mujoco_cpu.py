@@ -31,15 +31,21 @@ class BatchPhysics:
         """Compile the robot and allocate the worlds, all in the model's default state."""
         spec, self.num_worlds = request.spec, request.num_worlds
         self.device = torch.device("cpu")
-        self.model = compile_scene(spec, timestep=PHYSICS_DT, training_limits=request.training_limits)
+        self.model = compile_scene(
+            spec, timestep=PHYSICS_DT, training_limits=request.training_limits
+        )
         self.monitored = monitored_bodies(spec)
         self._batch = Batch(self.model, self.num_worlds, nthread=request.threads or _own_threads())
-        self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._qpos, self._qvel, self._ctrl = (
+            self._batch.bind(name) for name in ("qpos", "qvel", "ctrl")
+        )
         self._time = self._batch.bind("time")
         self._feet = np.stack([_columns(self.model, f"force_{body}") for body in spec.feet])
         self._bodies = np.stack([_columns(self.model, f"force_{body}") for body in self.monitored])
         bodies = {self.model.body(name).id for name in spec.feet}
-        self._foot_geoms = [g for g in range(self.model.ngeom) if self.model.geom_bodyid[g] in bodies]
+        self._foot_geoms = [
+            g for g in range(self.model.ngeom) if self.model.geom_bodyid[g] in bodies
+        ]
         self._base = int(self.model.jnt_bodyid[0])
         self._record: dict[str, np.ndarray] | None = None
         self.step(torch.zeros(self.num_worlds, self.model.nu))
@@ -50,7 +56,9 @@ class BatchPhysics:
         self._ctrl[:] = targets.numpy()
         due = self._time + CONTROL_DT
         # A dict of (N, S, ...) arrays, one row per substep, written in place from the second call on.
-        self._record = self._batch.rollout(SUBSTEPS, record=("sensordata", "actuator_force"), out=self._record)
+        self._record = self._batch.rollout(
+            SUBSTEPS, record=("sensordata", "actuator_force"), out=self._record
+        )
         sensors = self._record["sensordata"]
         self.foot_force = torch.from_numpy(_norms(sensors, self._feet)).float()
         self.body_force = torch.from_numpy(_norms(sensors, self._bodies).max(axis=1)).float()
@@ -81,7 +89,9 @@ class BatchPhysics:
         """Give every world its own friction, masses, inertias and centre of mass."""
         scale = parameters.mass_scale.double().numpy()[:, None]
         inertia = scale * parameters.inertia_scale.double().numpy()[:, None]
-        self._batch.expand("geom_friction")[:, self._foot_geoms, 0] = parameters.friction.numpy()[:, None]
+        self._batch.expand("geom_friction")[:, self._foot_geoms, 0] = parameters.friction.numpy()[
+            :, None
+        ]
         self._batch.expand("body_mass")[:] = self.model.body_mass * scale
         self._batch.expand("body_inertia")[:] = self.model.body_inertia * inertia[..., None]
         centre = self.model.body_ipos[self._base] + parameters.base_com_offset.numpy()

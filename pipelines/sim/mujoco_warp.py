@@ -50,7 +50,9 @@ class WarpPhysics:
         """Compile the robot, allocate the worlds in the model's default state, and run every kernel once."""
         spec, self.num_worlds = request.spec, request.num_worlds
         self.device = _torch_device(device)
-        self.model = compile_scene(spec, timestep=PHYSICS_DT, training_limits=request.training_limits)
+        self.model = compile_scene(
+            spec, timestep=PHYSICS_DT, training_limits=request.training_limits
+        )
         self.monitored = monitored_bodies(spec)
         self._capacity = find_capacity(self.model)
         self._stream = wp.stream_from_torch(self.device) if self.device.type == "cuda" else None
@@ -59,7 +61,9 @@ class WarpPhysics:
         self._feet = self._columns(spec.feet)
         self._bodies = self._columns(self.monitored)
         feet = {self.model.body(name).id for name in spec.feet}
-        self._foot_geoms = self._indices([g for g in range(self.model.ngeom) if self.model.geom_bodyid[g] in feet])
+        self._foot_geoms = self._indices(
+            [g for g in range(self.model.ngeom) if self.model.geom_bodyid[g] in feet]
+        )
         self._base = int(self.model.jnt_bodyid[0])
         self._start = torch.tensor(self.model.qpos0, dtype=torch.float32, device=self.device)
         self._flags = torch.zeros(1, dtype=torch.int32, pin_memory=self.device.type == "cuda")
@@ -127,14 +131,18 @@ class WarpPhysics:
         """The model with its per-world fields, the data, and torch's views of both."""
         n = self.num_worlds
         with self._on_stream():
-            self._model = mjw.put_model(self.model, batch_sizes=dict.fromkeys((*RANDOMISED, *DERIVED), n))
+            self._model = mjw.put_model(
+                self.model, batch_sizes=dict.fromkeys((*RANDOMISED, *DERIVED), n)
+            )
             # The kernels must not print: overflows are reported below, and a capped solver iteration is no overflow.
             self._model.opt.warn_overflow = False
             room = self._capacity
             self._data = mjw.make_data(self.model, n, nconmax=room.contacts, njmax=room.constraints)
             self._record = wp.zeros((SUBSTEPS, n, self.model.nsensordata), dtype=float)
         data = self._data
-        self._qpos, self._qvel, self._ctrl = (wp.to_torch(array) for array in (data.qpos, data.qvel, data.ctrl))
+        self._qpos, self._qvel, self._ctrl = (
+            wp.to_torch(array) for array in (data.qpos, data.qvel, data.ctrl)
+        )
         self._warm_start, self._time = wp.to_torch(data.qacc_warmstart), wp.to_torch(data.time)
         self._state = {
             "qpos": self._qpos,
@@ -144,7 +152,10 @@ class WarpPhysics:
             "time": self._time,
         }
         self._acceleration, self._overflow = wp.to_torch(data.qacc), wp.to_torch(data.overflow)
-        self._sensors, self._motor_force = wp.to_torch(self._record), wp.to_torch(data.actuator_force)
+        self._sensors, self._motor_force = (
+            wp.to_torch(self._record),
+            wp.to_torch(data.actuator_force),
+        )
 
     def _advance(self) -> None:
         with self._on_stream():
@@ -167,7 +178,10 @@ class WarpPhysics:
         gc.collect()
         gc.disable()  # an array freed during the capture would spoil it
         try:
-            with wp.ScopedStream(wp.Stream(self._stream.device)), wp.ScopedCapture(force_module_load=False) as capture:
+            with (
+                wp.ScopedStream(wp.Stream(self._stream.device)),
+                wp.ScopedCapture(force_module_load=False) as capture,
+            ):
                 self._substeps()
         finally:
             gc.enable()
@@ -176,7 +190,10 @@ class WarpPhysics:
     def _in_bounds(self) -> torch.Tensor:
         """(N,) bool: no coordinate, velocity or acceleration is huge or no number (comparisons with those are false)."""
         return torch.stack(
-            [_all(tensor.abs() < LARGEST) for tensor in (self._qpos, self._qvel, self._acceleration)]
+            [
+                _all(tensor.abs() < LARGEST)
+                for tensor in (self._qpos, self._qvel, self._acceleration)
+            ]
         ).all(dim=0)
 
     def _restart(self, diverged: torch.Tensor) -> None:
@@ -233,4 +250,8 @@ def _all(mask: torch.Tensor) -> torch.Tensor:
 
 def _torch_device(device: str) -> torch.device:
     found = torch.device(device)
-    return torch.device("cuda", torch.cuda.current_device()) if found == torch.device("cuda") else found
+    return (
+        torch.device("cuda", torch.cuda.current_device())
+        if found == torch.device("cuda")
+        else found
+    )

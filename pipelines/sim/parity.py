@@ -73,7 +73,10 @@ def _one_step(
         engine.reset(*values)
         engine.step(targets.to(engine.device))
     scale = {name: 1.0 / spec.weight() if "force" in name else 1.0 for name in TOLERANCES}
-    differences = {name: scale[name] * _difference(*(getattr(engine, name) for engine in engines)) for name in TOLERANCES}
+    differences = {
+        name: scale[name] * _difference(*(getattr(engine, name) for engine in engines))
+        for name in TOLERANCES
+    }
     return {**differences, "touching": (engines[1].foot_force[:, -1] > 1.0).float().mean()}
 
 
@@ -82,13 +85,17 @@ def _difference(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
     return torch.nan_to_num(distance, nan=torch.inf).flatten(1).amax(dim=1)
 
 
-def near_the_ground(spec: RobotSpec, worlds: int, draw: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+def near_the_ground(
+    spec: RobotSpec, worlds: int, draw: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
     """(N, 7 + J), (N, 6 + J): tilted robots in motion, the lowest foot up to 10 mm in the floor or above it."""
     model, joints = compile_scene(spec), spec.num_joints
     qpos = torch.zeros(worlds, 7 + joints)
     qpos[:, 3], qpos[:, 4:7] = 1.0, 0.1 * torch.randn(worlds, 3, generator=draw)
     qpos[:, 3:7] /= qpos[:, 3:7].norm(dim=-1, keepdim=True)
-    qpos[:, 7:] = torch.tensor(spec.default_joint_pos) + 0.1 * torch.randn(worlds, joints, generator=draw)
+    qpos[:, 7:] = torch.tensor(spec.default_joint_pos) + 0.1 * torch.randn(
+        worlds, joints, generator=draw
+    )
     gap = 0.01 * (2.0 * torch.rand(worlds, generator=draw) - 1.0)
     qpos[:, 2] = gap - torch.tensor(list(_lowest_feet(spec, model, qpos)))
     return qpos, 0.5 * torch.randn(worlds, 6 + joints, generator=draw)

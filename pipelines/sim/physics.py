@@ -38,7 +38,9 @@ class WorldParameters:
     def replaced(self, mask: torch.Tensor, others: WorldParameters) -> WorldParameters:
         """Those of ``others`` in the worlds of ``mask`` (N,) bool."""
         pairs = zip(self.columns().values(), others.columns().values(), strict=True)
-        return WorldParameters(*(torch.where(mask.view(-1, *(1,) * (old.ndim - 1)), new, old) for old, new in pairs))
+        return WorldParameters(
+            *(torch.where(mask.view(-1, *(1,) * (old.ndim - 1)), new, old) for old, new in pairs)
+        )
 
     def columns(self) -> dict[str, torch.Tensor]:
         """The fields by name."""

@@ -23,7 +23,9 @@ STATE_BYTES = 2 << 20
 class Retries:
     """Snapshots of all worlds, with the latents in force, and the way back to them."""
 
-    def __init__(self, env: LeggedEnv, latent_dim: int, chance: float, *, seed: int, hold: int = 1) -> None:
+    def __init__(
+        self, env: LeggedEnv, latent_dim: int, chance: float, *, seed: int, hold: int = 1
+    ) -> None:
         """Begin without any; a world that fell is put back with probability ``chance``, and again when it falls again.
 
         Args:
@@ -44,7 +46,8 @@ class Retries:
             "latent": latent_dim,
         }
         self._kept = {
-            name: torch.zeros(DEPTH + 2, env.num_worlds, width, device=env.device) for name, width in widths.items()
+            name: torch.zeros(DEPTH + 2, env.num_worlds, width, device=env.device)
+            for name, width in widths.items()
         }
         self.returned = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
         """(N,) bool, worlds that live a second time: what becomes of them says nothing about whole episodes."""
@@ -109,7 +112,9 @@ class Retries:
             return
         self._count = int(state["count"])
         self._kept = {name: state[name].to(self.env.device) for name in self._kept}
-        self.returned, self._begun = (state[name].to(self.env.device) for name in ("returned", "begun"))
+        self.returned, self._begun = (
+            state[name].to(self.env.device) for name in ("returned", "begun")
+        )
 
     def _now(self, latent: torch.Tensor) -> dict[str, torch.Tensor]:
         env = self.env

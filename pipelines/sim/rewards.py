@@ -77,7 +77,9 @@ def tilt(env: World) -> torch.Tensor:
 
 def vertical_motion(env: World) -> torch.Tensor:
     """v_z^2 + 0.05 (w_x^2 + w_y^2), base frame."""
-    return env.state.lin_vel_b[:, 2].square() + 0.05 * env.state.ang_vel_b[:, :2].square().sum(dim=-1)
+    return env.state.lin_vel_b[:, 2].square() + 0.05 * env.state.ang_vel_b[:, :2].square().sum(
+        dim=-1
+    )
 
 
 def posture(env: World) -> torch.Tensor:

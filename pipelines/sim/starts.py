@@ -28,20 +28,33 @@ POOL = 256
 class StandingStarts:
     """A pool of poses: default joint angles times independent factors from ``joint_scale``."""
 
-    def __init__(self, spec: RobotSpec, joint_scale: Range, draw: torch.Generator, device: torch.device) -> None:
+    def __init__(
+        self, spec: RobotSpec, joint_scale: Range, draw: torch.Generator, device: torch.device
+    ) -> None:
         """Draw the pool and measure its heights; the pool has one pose where there is no spread."""
         count = POOL if joint_scale[0] < joint_scale[1] else 1
         joints = len(spec.joint_names)
         scale = uniform((joint_scale,) * joints, count, draw).to(device)
         self.joint_pos = torch.tensor(spec.default_joint_pos, device=device) * scale
-        heights = [standing_height(spec.model(), pose, spec.feet) for pose in self.joint_pos.cpu().numpy().astype(np.float64)]
+        heights = [
+            standing_height(spec.model(), pose, spec.feet)
+            for pose in self.joint_pos.cpu().numpy().astype(np.float64)
+        ]
         self.height = torch.tensor(heights, dtype=torch.float32, device=device)
 
-    def anywhere(self, start: ResetConfig, count: int, draw: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    def anywhere(
+        self, start: ResetConfig, count: int, draw: torch.Generator
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """(count, 7 + J), (count, 6 + J): standing with the feet on the ground, anywhere, any heading."""
-        planar = uniform(((-start.position, start.position),) * 2 + ((-start.heading, start.heading),), count, draw)
+        planar = uniform(
+            ((-start.position, start.position),) * 2 + ((-start.heading, start.heading),),
+            count,
+            draw,
+        )
         joint_pos, height = self.draw(count, draw)
-        qpos = torch.cat((planar[:, :2], height[:, None], from_yaw(planar[:, 2]), joint_pos), dim=-1)
+        qpos = torch.cat(
+            (planar[:, :2], height[:, None], from_yaw(planar[:, 2]), joint_pos), dim=-1
+        )
         linear = uniform(((-start.lin_vel, start.lin_vel),) * 3, count, draw)
         angular = uniform(((-start.ang_vel, start.ang_vel),) * 3, count, draw)
         return qpos, torch.cat((linear, angular, torch.zeros_like(joint_pos)), dim=-1)
@@ -52,7 +65,9 @@ class StandingStarts:
         return self.joint_pos[chosen], self.height[chosen]
 
 
-def clip_starts(motions: MotionLibrary, count: int, draw: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+def clip_starts(
+    motions: MotionLibrary, count: int, draw: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
     """(count, 7 + J), (count, 6 + J): a random moment of a random clip, heading re-drawn, velocities turned with it."""
     clips, times = motions.sample(count, generator=draw)
     frames = motions.frames(clips, times)

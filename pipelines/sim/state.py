@@ -52,7 +52,14 @@ class RobotState:
     def from_generalized(cls, qpos: torch.Tensor, qvel: torch.Tensor) -> RobotState:
         """Split MuJoCo's (N, 7 + J) and (N, 6 + J) into base-frame quantities (root linear velocity comes in world)."""
         quat = qpos[:, 3:7]
-        return cls(qpos[:, :3], quat, rotate_inverse(quat, qvel[:, :3]), qvel[:, 3:6], qpos[:, 7:], qvel[:, 6:])
+        return cls(
+            qpos[:, :3],
+            quat,
+            rotate_inverse(quat, qvel[:, :3]),
+            qvel[:, 3:6],
+            qpos[:, 7:],
+            qvel[:, 6:],
+        )
 
     @classmethod
     def from_motion(cls, frames: MotionFrames) -> RobotState:
@@ -99,7 +106,9 @@ def style_terms(joints: int, joint_pos_noise: float = 0.05) -> tuple[Term, ...]:
     )
 
 
-def policy_terms(joints: int, joint_pos_noise: float = 0.05, command: Term | None = None) -> tuple[Term, ...]:
+def policy_terms(
+    joints: int, joint_pos_noise: float = 0.05, command: Term | None = None
+) -> tuple[Term, ...]:
     """Layout of the low-level policy's observation: the style frame, the last action, a command if the task has one."""
     terms = (*style_terms(joints, joint_pos_noise), Term("last_action", joints, "1", "joint"))
     return terms if command is None else (*terms, command)
@@ -107,7 +116,10 @@ def policy_terms(joints: int, joint_pos_noise: float = 0.05, command: Term | Non
 
 def high_level_terms(joints: int, joint_pos_noise: float = 0.05) -> tuple[Term, ...]:
     """Layout of the high-level policy's observation: style frame, target in the base frame, last latent."""
-    target, latent = Term("target", TARGET_DIM, "m", "base"), Term("last_latent", LATENT_DIM, "1", "latent")
+    target, latent = (
+        Term("target", TARGET_DIM, "m", "base"),
+        Term("last_latent", LATENT_DIM, "1", "latent"),
+    )
     return (*style_terms(joints, joint_pos_noise), target, latent)
 
 
@@ -125,6 +137,13 @@ def layout(terms: tuple[Term, ...]) -> list[dict[str, object]]:
     """The layout as plain data with [start, stop) slices, for the metadata of exported policies."""
     rows, start = [], 0
     for term in terms:
-        rows.append({"name": term.name, "slice": [start, start + term.size], "unit": term.unit, "frame": term.frame})
+        rows.append(
+            {
+                "name": term.name,
+                "slice": [start, start + term.size],
+                "unit": term.unit,
+                "frame": term.frame,
+            }
+        )
         start += term.size
     return rows

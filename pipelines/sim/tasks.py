@@ -101,7 +101,12 @@ def walk_task(spec: RobotSpec) -> Task:
         command=VelocityCommand(forward, lateral, (-0.78, 0.78)),
         episode_s=10.0,
         resample_s=(5.0, 8.0),
-        rewards=(("track_planar_velocity", 1.0), ("track_planar_velocity_closely", 0.5), ("track_yaw_rate", 0.5), *(() if quadruped else penalties)),
+        rewards=(
+            ("track_planar_velocity", 1.0),
+            ("track_planar_velocity_closely", 0.5),
+            ("track_yaw_rate", 0.5),
+            *(() if quadruped else penalties),
+        ),
         clip_reward=True,
         constraints=constraints if quadruped else (),
         fall_on_undesired=True,
@@ -174,7 +179,9 @@ def reach_task(spec: RobotSpec) -> Task:
         action_scale=spec.action_scale,
         command=target,
         rewards=(("reach", 1.0), ("progress", 0.5)),
-        reset=ResetConfig(position=spread, heading=heading, lin_vel=0.1, ang_vel=0.1, joint_scale=joints),
+        reset=ResetConfig(
+            position=spread, heading=heading, lin_vel=0.1, ang_vel=0.1, joint_scale=joints
+        ),
         randomisation=_randomisation(spec, 0.25),
         joint_pos_noise=_solo_or(spec, 0.05, 0.01),
     )

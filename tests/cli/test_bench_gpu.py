@@ -63,7 +63,11 @@ def test_the_remaining_minutes_are_spent_on_trainings(store, measured, monkeypat
     typed = (*TINY, "--minutes", "30", "--preset", "smoke", "--out", str(out), "--json")
     answer = json.loads(invoke(*typed).stdout)
     (row,) = answer["trainings"]
-    assert (row["experiment"], row["method"], row["status"]) == ("solo12-synthetic", "drail-cat", "done")
+    assert (row["experiment"], row["method"], row["status"]) == (
+        "solo12-synthetic",
+        "drail-cat",
+        "done",
+    )
     assert row["evaluation"]["ee_error_mean_m"] > 0
     policy = out / "solo12-synthetic-drail-cat-seed0.h5"
     assert policy.stat().st_size < 16e6

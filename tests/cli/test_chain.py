@@ -195,10 +195,14 @@ def test_a_training_goes_on_elsewhere_from_one_file(chain, monkeypatch, tmp_path
     monkeypatch.setattr(LowTrainer, "iterate", real)
 
     there = Chain(tmp_path / "runs")
-    answer = there.answer("train-low", "--run", "there", "--motions", motions, "--checkpoint", str(checkpoint))
+    answer = there.answer(
+        "train-low", "--run", "there", "--motions", motions, "--checkpoint", str(checkpoint)
+    )
     assert (answer["seed"], answer["method"], answer["samples"]) == (6, "gan-cat", 16 * 8 * 3)
     made = there.store.newest("there", "train-low")
-    assert len((made.parent / "metrics.jsonl").read_text().splitlines()) == 1, "two of three were done"
+    assert len((made.parent / "metrics.jsonl").read_text().splitlines()) == 1, (
+        "two of three were done"
+    )
     straight = chain.answer(*typed[:2], "straight", *typed[3:], *SMOKE)
     assert answer["discriminator"] == straight["discriminator"]
     refused = there.invoke("train-high", "--run", "there", "--checkpoint", str(checkpoint))
@@ -243,7 +247,12 @@ def test_what_is_published_is_used_by_its_name(chain, tmp_path, monkeypatch):
         assert chain.answer("runs", "publish", str(path), name)["name"] == name
     new = Chain(tmp_path / "runs")
     answer = new.answer("run", "quickstart", *SMOKE)
-    assert [stage["stage"] for stage in answer["stages"]] == ["train-high", "eval", "export", "play"]
+    assert [stage["stage"] for stage in answer["stages"]] == [
+        "train-high",
+        "eval",
+        "export",
+        "play",
+    ]
     low_of = read_header(new.store.newest("quickstart", "train-high")).parents[0]
     assert low_of.path == "published:solo12-synthetic.h5"
     (row,) = new.answer("eval", "--policy", "solo12-synthetic", *SMOKE)["rows"]
@@ -264,7 +273,9 @@ def test_what_is_published_is_used_by_its_name(chain, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_the_low_level_learns_from_what_a_robot_made_of_a_dogs_motions(tmp_path):
     chain = Chain(tmp_path / "runs")
-    assert chain.invoke("track", "--run", "dog", *SMOKE).exit_code == 2, "there is nothing to follow yet"
+    assert chain.invoke("track", "--run", "dog", *SMOKE).exit_code == 2, (
+        "there is nothing to follow yet"
+    )
     chain.answer("retarget", "--run", "dog", "--trim", "0s:2s", *SMOKE)
     assert chain.answer("track", *SMOKE)["pieces"] >= 1
     chain.answer("train-low", *SMOKE)

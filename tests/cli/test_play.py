@@ -121,7 +121,10 @@ def test_a_figure_is_drawn_instead_of_a_page(motions, tmp_path, monkeypatch):
     policy.touch()
     options = (policy, "--figure", figure, "--motions", motions, "--preset", "smoke")
     result = invoke(*options)
-    assert result.stdout.splitlines() == ["25.0% of 4 episodes walk first and reach last", str(figure)]
+    assert result.stdout.splitlines() == [
+        "25.0% of 4 episodes walk first and reach last",
+        str(figure),
+    ]
     assert figure.read_bytes() == b"drawn"
     assert json.loads(invoke(*options, "--json").stdout)["walk_first_reach_last"] == 0.25
     assert asked[0][0] == switching.PRESETS["smoke"]()

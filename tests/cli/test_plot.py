@@ -36,7 +36,11 @@ def test_the_picture_lies_in_the_run_unless_asked_for_elsewhere(run, tmp_path):
 
 @pytest.mark.parametrize(
     ("arguments", "hint"),
-    [(["sene"], "runs: seen"), (["--out", "/gone/a.png"], "/gone/a.png"), (["--out", "a.doc"], ".png")],
+    [
+        (["sene"], "runs: seen"),
+        (["--out", "/gone/a.png"], "/gone/a.png"),
+        (["--out", "a.doc"], ".png"),
+    ],
 )
 def test_mistakes(run, arguments, hint):
     result = invoke(*arguments)

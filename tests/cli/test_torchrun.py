@@ -85,7 +85,9 @@ def test_two_processes_make_one_artifact_and_one_answer(torchrun, motions, tmp_p
 
 @pytest.mark.slow
 def test_what_cannot_be_shared_is_refused(torchrun, motions):
-    ran = torchrun("train-low", "--preset", "smoke", "--set", "worlds=15", "--motions", str(motions))
+    ran = torchrun(
+        "train-low", "--preset", "smoke", "--set", "worlds=15", "--motions", str(motions)
+    )
     assert ran.returncode != 0
     assert "15 cannot be shared equally by 2 processes" in ran.stderr
 

@@ -160,7 +160,9 @@ def test_at_half_the_pace_the_same_path_takes_twice_as_long(make_clip):
     clip = make_clip()
     slow = clip.at_pace(0.5)
     assert slow.duration == pytest.approx(2.0 * clip.duration)
-    assert np.array_equal(slow.root_pos, clip.root_pos) and np.array_equal(slow.joint_pos, clip.joint_pos)
+    assert np.array_equal(slow.root_pos, clip.root_pos) and np.array_equal(
+        slow.joint_pos, clip.joint_pos
+    )
     for name in ("root_lin_vel_b", "root_ang_vel_b", "joint_vel"):
         assert np.allclose(getattr(slow, name), 0.5 * getattr(clip, name))
     assert slow.joint_target is None

@@ -23,7 +23,9 @@ class Processes:
         shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": str(count)}
         command = [sys.executable, script, *arguments]
         return [
-            subprocess.Popen(command, env={**os.environ, **shared, "RANK": rank, "LOCAL_RANK": rank})
+            subprocess.Popen(
+                command, env={**os.environ, **shared, "RANK": rank, "LOCAL_RANK": rank}
+            )
             for rank in map(str, range(count))
         ]
 

@@ -59,7 +59,9 @@ def exported(chain):
 def test_clips_are_clean_and_as_many_as_asked_for(chain):
     """Bug B14: no resets, no jumps, no pushes in what is imitated."""
     clips = load_clips(chain.made.artifact)
-    assert [(clip.skill, clip.weight) for clip in clips] == [("walk", 1.0)] * 3 + [("reach", 9.0)] * 2
+    assert [(clip.skill, clip.weight) for clip in clips] == [("walk", 1.0)] * 3 + [
+        ("reach", 9.0)
+    ] * 2
     for clip in clips:
         assert clip.frames == 11
         assert not clip.joint_vel[0].any(), "nothing else shows how one begins"
@@ -165,7 +167,9 @@ def test_motions_of_two_robots_are_refused(chain, tmp_path, h1, make_motions):
     still = Clip.from_poses(
         "still", 50.0, names, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)), np.zeros((3, 19))
     )
-    other = save_clips(tmp_path / "h1.h5", [still], robot=("h1", h1.model_hash()), config={}, seed=0)
+    other = save_clips(
+        tmp_path / "h1.h5", [still], robot=("h1", h1.model_hash()), config={}, seed=0
+    )
     with pytest.raises(StageError, match="h1, solo12"):
         train_low.load_motions([chain.made.artifact, other])
 
@@ -320,9 +324,7 @@ def test_a_rollout_is_recorded_step_by_step(chain):
     # Observations are listed step by step, all episodes of a step together.
     joints = recorded.low_obs.reshape(15, 2, 46)[:, :, 10:22]
     assert np.array_equal(joints.swapaxes(0, 1), recorded.qpos[:, :, 7:])
-    assert np.array_equal(
-        recorded.latent.reshape(15, 2, 7).swapaxes(0, 1), recorded.steering
-    )
+    assert np.array_equal(recorded.latent.reshape(15, 2, 7).swapaxes(0, 1), recorded.steering)
 
 
 def test_switching_compares_with_the_motions_the_policy_was_made_of(chain, tmp_path):
@@ -357,7 +359,9 @@ def test_a_low_level_alone_holds_one_latent_per_episode_or_changes_them(chain):
     other = rollout.record_low(chain.low.artifact, seconds=0.6, episodes=2, seed=4)
     assert not np.array_equal(other.qpos, held.qpos)
     assert np.allclose(held.qpos[:, 0, :2], 0.0, atol=0.01), "from a standing start"
-    changing = rollout.record_low(chain.low.artifact, seconds=4.0, episodes=1, seed=3, changing=True)
+    changing = rollout.record_low(
+        chain.low.artifact, seconds=4.0, episodes=1, seed=3, changing=True
+    )
     assert len(np.unique(changing.steering[0], axis=0)) > 1
 
 
@@ -375,7 +379,9 @@ def test_a_low_level_is_played_without_a_high_one(chain, latents, names):
     assert [one.name for one in shown] == names
     assert all(one.target is None and one.latent.shape == (10, 7) for one in shown)
     steered = playback.record(read_artifact(chain.high.artifact), config, 9)
-    assert (steered[0].target is None) == bool(latents), "the high level steers unless told otherwise"
+    assert (steered[0].target is None) == bool(latents), (
+        "the high level steers unless told otherwise"
+    )
 
 
 def test_a_page_names_the_run_of_a_policy_or_the_file_that_lies_alone(chain, tmp_path):

@@ -20,8 +20,15 @@ def test_falls_on_grippy_floors_are_found_and_nothing_else():
     falls[[3, 150, *range(320, 400, 4)]] = True
     missed = np.zeros(EPISODES, dtype=bool)
     missed[::17] = True
-    (crowd,) = crowds({"falls": falls, "missed": missed}, {"friction": FRICTION, "mass_scale": ELSEWHERE})
-    assert (crowd["failure"], crowd["condition"], crowd["count"], crowd["of"]) == ("falls", "friction", 20, 22)
+    (crowd,) = crowds(
+        {"falls": falls, "missed": missed}, {"friction": FRICTION, "mass_scale": ELSEWHERE}
+    )
+    assert (crowd["failure"], crowd["condition"], crowd["count"], crowd["of"]) == (
+        "falls",
+        "friction",
+        20,
+        22,
+    )
     assert crowd["low"] == pytest.approx(1.3, abs=0.01)
     assert describe(crowd) == "falls: 20 of 22 in the quarter with friction 1.30 to 1.60"
 
@@ -32,7 +39,9 @@ def test_few_failures_or_a_condition_that_never_differs_say_nothing():
     falls[-4:] = True  # four in one quarter happen by chance
     assert crowds({"falls": falls}, {"friction": FRICTION}) == []
     falls[:] = True
-    assert crowds({"falls": falls}, {"friction": FRICTION, "distance": np.full(EPISODES, 1.5)}) == []
+    assert (
+        crowds({"falls": falls}, {"friction": FRICTION, "distance": np.full(EPISODES, 1.5)}) == []
+    )
 
 
 def test_what_differs_between_worlds(solo12):
@@ -42,7 +51,9 @@ def test_what_differs_between_worlds(solo12):
     env.state.root_quat[:] = torch.tensor([half, 0.0, 0.0, half])  # looks along +y
     env.command[:] = torch.tensor([[1.0, 3.0, 0.25], [3.0, 2.0, 0.3], [1.0, 0.5, 0.2]])
     given = conditions(env)
-    torch.testing.assert_close(given["target_angle_deg"], torch.tensor([0.0, 90.0, 180.0]), atol=1e-3, rtol=0)
+    torch.testing.assert_close(
+        given["target_angle_deg"], torch.tensor([0.0, 90.0, 180.0]), atol=1e-3, rtol=0
+    )
     torch.testing.assert_close(given["target_distance_m"], torch.tensor([1.0, 2.0, 1.5]))
     assert given["target_height_m"].tolist() == pytest.approx([0.25, 0.3, 0.2])
     assert given["friction"].data_ptr() == env.parameters.friction.data_ptr()

@@ -66,7 +66,9 @@ def test_clips_are_counted_by_the_same_rules(coverage, solo12, motions):
     assert higher.shares()["reach"] == 1.0
 
 
-def test_a_policy_that_does_what_the_clips_do_reproduces_them(coverage, motions, monkeypatch, still):
+def test_a_policy_that_does_what_the_clips_do_reproduces_them(
+    coverage, motions, monkeypatch, still
+):
     """Latents whose mean style frames are the clips'; then some that went a third of the way."""
     standing, clips = coverage._standing_frame, coverage._clip_frames
     done = coverage._hold(still)

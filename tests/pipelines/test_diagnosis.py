@@ -56,7 +56,9 @@ def test_a_healthy_training_is_not_warned_about():
 
 def test_clips_that_walk_only_do_not_collapse_and_clips_that_stand_may_be_stood():
     walk = {"coverage_walk": 1.0, "coverage_stand": 0.0, "coverage_reach": 0.0}
-    assert low_level_warnings(training(**walk, clips_walk=1.0, clips_reach=0.0, clips_stand=0.0)) == []
+    assert (
+        low_level_warnings(training(**walk, clips_walk=1.0, clips_reach=0.0, clips_stand=0.0)) == []
+    )
     assert low_level_warnings(training(coverage_stand=0.95, clips_stand=0.9)) == []
 
 

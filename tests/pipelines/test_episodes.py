@@ -30,7 +30,9 @@ def policies():
 @pytest.fixture
 def short(monkeypatch):
     """Episodes of four decisions."""
-    monkeypatch.setattr(episodes, "reach_task", lambda spec: replace(reach_task(spec), episode_s=0.4))
+    monkeypatch.setattr(
+        episodes, "reach_task", lambda spec: replace(reach_task(spec), episode_s=0.4)
+    )
 
 
 def test_figures_by_hand():

@@ -45,7 +45,10 @@ def two_seeds(monkeypatch, tmp_path):
             np.zeros(episodes, dtype=bool),
             np.zeros((episodes, 4)),
             np.full(episodes, 2000.0),
-            {"friction": np.linspace(0.4, 1.5, episodes), "target_distance_m": np.full(episodes, 1.5)},
+            {
+                "friction": np.linspace(0.4, 1.5, episodes),
+                "target_distance_m": np.full(episodes, 1.5),
+            },
         )
 
     monkeypatch.setattr(evaluate, "load_policies", load)
@@ -79,14 +82,20 @@ def test_the_artifact_holds_every_episode_and_its_policies(context, two_seeds):
     result = evaluate.run(evaluate.EvalConfig(5, 2, 4), context, policies=two_seeds[0])
     artifact = read_artifact(result.artifact, "lacoloco/evaluation", robot="solo12")
     assert artifact.arrays["1/error"].tolist() == pytest.approx([0.3] * 5)
-    assert artifact.arrays["1/conditions/friction"].tolist() == pytest.approx([0.4, 0.675, 0.95, 1.225, 1.5])
+    assert artifact.arrays["1/conditions/friction"].tolist() == pytest.approx(
+        [0.4, 0.675, 0.95, 1.225, 1.5]
+    )
     assert artifact.metadata["rows"] == result.metrics["rows"]
     assert len(artifact.parents) == 2
 
 
 def test_methods_are_summed_up_apart():
     figures = dict.fromkeys(evaluate.FIGURES, 1.0)
-    rows = [{"method": "gan", **figures}, {"method": "drail", **figures}, {"method": "gan", **figures}]
+    rows = [
+        {"method": "gan", **figures},
+        {"method": "drail", **figures},
+        {"method": "gan", **figures},
+    ]
     summary = evaluate.summary(rows)
     assert {name: entry["seeds"] for name, entry in summary.items()} == {"gan": 2, "drail": 1}
 
@@ -95,9 +104,13 @@ def test_ranges_of_one_s_own_take_the_place_of_the_task_s(context, two_seeds, mo
     asked = []
     play = evaluate.play_episodes
     monkeypatch.setattr(
-        evaluate, "play_episodes", lambda *a, randomisation, **k: (asked.append(randomisation), play(*a, **k))[1]
+        evaluate,
+        "play_episodes",
+        lambda *a, randomisation, **k: (asked.append(randomisation), play(*a, **k))[1],
     )
-    evaluate.run(evaluate.EvalConfig(4, 2, 4, friction=(1.45, 1.45)), context, policies=two_seeds[0][:1])
+    evaluate.run(
+        evaluate.EvalConfig(4, 2, 4, friction=(1.45, 1.45)), context, policies=two_seeds[0][:1]
+    )
     usual = evaluate.reach_task(solo12).randomisation
     assert asked == [replace(usual, friction=(1.45, 1.45))] * 2
 
@@ -105,4 +118,6 @@ def test_ranges_of_one_s_own_take_the_place_of_the_task_s(context, two_seeds, mo
 @pytest.mark.parametrize("friction", [(0.0, 1.0), (1.5, 0.4), (1.0, float("nan"))])
 def test_ranges_that_are_none(context, two_seeds, friction):
     with pytest.raises(StageError, match="--set friction=.*the lower one first"):
-        evaluate.run(evaluate.EvalConfig(4, 2, 4, friction=friction), context, policies=two_seeds[0])
+        evaluate.run(
+            evaluate.EvalConfig(4, 2, 4, friction=friction), context, policies=two_seeds[0]
+        )

@@ -67,7 +67,17 @@ def context(tmp_path):
     return StageContext(RunStore(tmp_path / "runs"), "run", progress=Heard())
 
 
-WHOLE = ["retarget", "generate", "train-low", "train-high", "eval", "export", "play", "play", "play"]
+WHOLE = [
+    "retarget",
+    "generate",
+    "train-low",
+    "train-high",
+    "eval",
+    "export",
+    "play",
+    "play",
+    "play",
+]
 SHORT = ["train-high", "eval", "export", "play"]
 
 

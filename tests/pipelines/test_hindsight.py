@@ -29,10 +29,14 @@ def memory(moves, worlds=64, steps=6):
     quat = from_yaw(yaw).expand(steps, worlds, 4)
     place = torch.stack((yaw, -yaw, torch.full((worlds,), 0.25)), dim=-1).expand(steps, worlds, 3)
     along = torch.arange(steps).float()[:, None, None] * torch.tensor(moves)
-    tip = place + rotate(quat.reshape(-1, 4), along.expand(steps, worlds, 3).reshape(-1, 3)).view(steps, worlds, 3)
+    tip = place + rotate(quat.reshape(-1, 4), along.expand(steps, worlds, 3).reshape(-1, 3)).view(
+        steps, worlds, 3
+    )
     return Memory(
         obs=torch.zeros(steps, worlds, 10),
-        latent=torch.nn.functional.normalize(torch.randn(steps, worlds, 7, generator=draw()), dim=-1),
+        latent=torch.nn.functional.normalize(
+            torch.randn(steps, worlds, 7, generator=draw()), dim=-1
+        ),
         tip=tip,
         root_pos=place,
         root_quat=quat,
@@ -76,10 +80,14 @@ def test_a_latent_that_walks_serves_all_targets_in_its_direction():
 
 
 def test_what_leads_nowhere_serves_nothing():
-    assert not relabel(memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), CONFIG, 100, draw())[2].any()
+    assert not relabel(memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), CONFIG, 100, draw())[
+        2
+    ].any()
     ended = memory((0.2, 0.0, 0.0))
     ended = Memory(**{**vars(ended), "until": torch.arange(6)[:, None].expand(6, 64)})
-    assert not relabel(ended, COMMAND, CONFIG, 100, draw())[2].any(), "no later decision under the same latent"
+    assert not relabel(ended, COMMAND, CONFIG, 100, draw())[2].any(), (
+        "no later decision under the same latent"
+    )
 
 
 def test_a_policy_learns_which_latent_leads_where():
@@ -91,7 +99,15 @@ def test_a_policy_learns_which_latent_leads_where():
     upright = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(steps, worlds, 4)
     latent = torch.nn.functional.pad(direction[:, :2], (0, 5)).expand(steps, worlds, 7)
     tip = base.root_pos + 0.3 * torch.arange(steps)[:, None, None] * direction
-    moving = Memory(**{**vars(base), "tip": tip, "latent": latent, "root_quat": upright, "obs": torch.zeros(steps, worlds, 44)})
+    moving = Memory(
+        **{
+            **vars(base),
+            "tip": tip,
+            "latent": latent,
+            "root_quat": upright,
+            "obs": torch.zeros(steps, worlds, 44),
+        }
+    )
     torch.manual_seed(0)
     actor = make_actor({"policy": 44}, 7, NetworkConfig(actor=(64, 64)))
     columns = {"target": slice(34, 37), "last_latent": slice(37, 44)}

@@ -29,7 +29,9 @@ def leave(folder, how):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("told", "at_once", "expected"), [(None, 2, "4"), (None, 1, "None"), ("3", 2, "3")])
+@pytest.mark.parametrize(
+    ("told", "at_once", "expected"), [(None, 2, "4"), (None, 1, "None"), ("3", 2, "3")]
+)
 def test_jobs_on_one_machine_share_its_cores(tmp_path, monkeypatch, told, at_once, expected):
     monkeypatch.setattr("lacoloco.pipelines.jobs.cores", lambda: 8)
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
@@ -37,7 +39,9 @@ def test_jobs_on_one_machine_share_its_cores(tmp_path, monkeypatch, told, at_onc
         monkeypatch.setenv("OMP_NUM_THREADS", told)
     jobs = {name: (str(tmp_path), name) for name in ("first", "second")}
     executor = make_executor("local", tmp_path / "jobs")
-    assert not any(job.error for job in run_jobs(executor, leave, jobs, at_once=at_once, poll_s=0.1))
+    assert not any(
+        job.error for job in run_jobs(executor, leave, jobs, at_once=at_once, poll_s=0.1)
+    )
     assert [(tmp_path / name).read_text().split()[1] for name in jobs] == [expected] * 2
     assert os.environ.get("OMP_NUM_THREADS") == told, "this process keeps all of them"
 

@@ -30,7 +30,11 @@ READS = (
     torch.ops.aten._unique2.default,
 )
 """Operations whose result, or its size, the host must wait for; besides these, indexing by a mask."""
-BY_MASK = (torch.ops.aten.index.Tensor, torch.ops.aten.index_put_.default, torch.ops.aten.index_put.default)
+BY_MASK = (
+    torch.ops.aten.index.Tensor,
+    torch.ops.aten.index_put_.default,
+    torch.ops.aten.index_put.default,
+)
 
 
 class NoReads(TorchDispatchMode):
@@ -84,7 +88,9 @@ def busy(base):
     """Episodes that end, targets that change and pushes that come within a few steps."""
     task = replace(base.task, episode_s=0.08)
     if task.randomisation.push:
-        task = replace(task, randomisation=replace(task.randomisation, push_interval_s=(0.02, 0.06)))
+        task = replace(
+            task, randomisation=replace(task.randomisation, push_interval_s=(0.02, 0.06))
+        )
     if task.resample_s:
         task = replace(task, resample_s=(0.02, 0.06))
     base.task, base.episode_steps = task, torch.full_like(base.episode_steps, task.episode_steps)
@@ -111,7 +117,9 @@ def make_trainer(solo12, monkeypatch):
             small = replace(train_high.smoke(), worlds=8)
             high = HighTrainer(solo12, low.policy(), small, seed=0, device=device)
             return high, busy(high.env.env)
-        config = replace(smoke_expert(), worlds=8, ppo=PpoConfig(horizon=8, epochs=1, minibatches=1))
+        config = replace(
+            smoke_expert(), worlds=8, ppo=PpoConfig(horizon=8, epochs=1, minibatches=1)
+        )
         expert = ExpertTrainer(solo12, kind, config, seed=0, device=device)
         return expert, busy(expert.env)
 
@@ -172,7 +180,12 @@ def test_cuda_sees_no_synchronisation(make_trainer, kind):
 
 @pytest.mark.parametrize(
     "read",
-    [lambda x: float(x.sum()), lambda x: bool(x.any()), lambda x: torch.nonzero(x), lambda x: x[x > 0]],
+    [
+        lambda x: float(x.sum()),
+        lambda x: bool(x.any()),
+        lambda x: torch.nonzero(x),
+        lambda x: x[x > 0],
+    ],
 )
 def test_a_read_would_be_noticed(read):
     mode = NoReads()

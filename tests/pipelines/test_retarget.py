@@ -301,9 +301,7 @@ def test_part_rate_and_mirror_image(context, short_dog):
     (straight,), (mirrored,) = load_clips(plain.artifact), load_clips(image.artifact)
     assert (straight.frames, straight.fps) == (30, 30.0)
     np.testing.assert_array_equal(mirrored.contacts[:, [1, 0, 3, 2]], straight.contacts)
-    np.testing.assert_allclose(
-        mirrored.root_pos * [1, -1, 1], straight.root_pos, atol=2e-3
-    )
+    np.testing.assert_allclose(mirrored.root_pos * [1, -1, 1], straight.root_pos, atol=2e-3)
     left, right = mirrored.joint_pos[:, [0, 1, 2]], straight.joint_pos[:, [3, 4, 5]]
     np.testing.assert_allclose(left * [-1, 1, 1], right, atol=0.02)
 
@@ -314,11 +312,26 @@ def test_every_file_in_six_variants(context, short_dog):
     config = replace(QUICK, augment=True, augment_bends=(0.8, -0.5))
     result = retarget.run(config, context, sources=[path])
     clips = {clip.name.removeprefix(path.stem): clip for clip in load_clips(result.artifact)}
-    assert list(clips) == ["", "_mirror", "_bend+0.8", "_mirror_bend-0.8", "_bend-0.5", "_mirror_bend+0.5"]
-    alone = retarget.run(replace(QUICK, mirror=True, bend=-0.8), context, sources=[path], again=True)
-    np.testing.assert_array_equal(clips["_mirror_bend-0.8"].root_pos, load_clips(alone.artifact)[0].root_pos)
+    assert list(clips) == [
+        "",
+        "_mirror",
+        "_bend+0.8",
+        "_mirror_bend-0.8",
+        "_bend-0.5",
+        "_mirror_bend+0.5",
+    ]
+    alone = retarget.run(
+        replace(QUICK, mirror=True, bend=-0.8), context, sources=[path], again=True
+    )
+    np.testing.assert_array_equal(
+        clips["_mirror_bend-0.8"].root_pos, load_clips(alone.artifact)[0].root_pos
+    )
     readings = [figures["reading"] for figures in result.metrics["clips"]]
-    assert [(one["mirror"], one["bend"]) for one in readings[1:4]] == [(True, 0), (False, 0.8), (True, -0.8)]
+    assert [(one["mirror"], one["bend"]) for one in readings[1:4]] == [
+        (True, 0),
+        (False, 0.8),
+        (True, -0.8),
+    ]
 
 
 def test_another_skeleton_needs_a_map_and_then_gives_the_same(context, short_dog, tmp_path):

@@ -15,14 +15,22 @@ from lacoloco.pipelines.train_low import smoke
 CLIPS = {"clips_walk": 0.5, "clips_reach": 0.3, "clips_stand": 0.2}
 
 
-def figures(walk: float, reach: float, stand: float, fall: float, steered: float) -> dict[str, float]:
+def figures(
+    walk: float, reach: float, stand: float, fall: float, steered: float
+) -> dict[str, float]:
     shares = {"walk": walk, "reach": reach, "stand": stand, "fall": fall}
-    return {f"coverage_{name}": share for name, share in shares.items()} | CLIPS | {"steered_falls": steered}
+    return (
+        {f"coverage_{name}": share for name, share in shares.items()}
+        | CLIPS
+        | {"steered_falls": steered}
+    )
 
 
 def test_the_clips_own_shares_without_a_fall_score_zero():
     assert score(figures(0.5, 0.3, 0.2, 0.0, 0.0)) == pytest.approx(0.0)
-    assert score(figures(1.0, 0.0, 0.0, 0.0, 0.0)) == pytest.approx(0.5), "half of the latents do something else"
+    assert score(figures(1.0, 0.0, 0.0, 0.0, 0.0)) == pytest.approx(0.5), (
+        "half of the latents do something else"
+    )
     assert score(figures(0.5, 0.3, 0.2, 0.0, 0.05)) == pytest.approx(0.2)
 
 
@@ -38,7 +46,9 @@ def examined(trainer: LowTrainer, values: list[float]) -> list[dict[str, float]]
     for number, value in enumerate(values):
         with torch.no_grad():
             weight.flatten()[0] = number
-        trainer.selection.measure = lambda actor, value=value: figures(0.5 + value, 0.3 - value, 0.2, 0.0, 0.0)
+        trainer.selection.measure = lambda actor, value=value: figures(
+            0.5 + value, 0.3 - value, 0.2, 0.0, 0.0
+        )
         seen.append(trainer.selection.examine(trainer.algorithm.actor, 100 * number))
     return seen
 
@@ -52,7 +62,9 @@ def test_the_best_is_kept_and_survives_a_checkpoint(trainer, solo12, motions):
     other.load_state_dict(trainer.state_dict())
     for policy in (trainer.policy(), other.policy()):
         assert float(next(policy.actor.parameters()).flatten()[0]) == 1.0
-    assert float(next(trainer.algorithm.actor.parameters()).flatten()[0]) == 2.0, "the training goes on with its own"
+    assert float(next(trainer.algorithm.actor.parameters()).flatten()[0]) == 2.0, (
+        "the training goes on with its own"
+    )
     assert trainer.closing_figures()["chosen_after"] == 100.0
 
 

@@ -41,7 +41,9 @@ def test_being_where_the_clip_is_pays_most(shadow):
 def test_a_heading_and_a_place_are_not_asked_for(shadow):
     state = shadow.env.state
     half_turn = state.root_quat[:, [3, 2, 1, 0]] * torch.tensor([-1.0, -1.0, 1.0, 1.0])
-    turned = replace(state, root_pos=state.root_pos + torch.tensor([3.0, 1.0, 0.0]), root_quat=half_turn)
+    turned = replace(
+        state, root_pos=state.root_pos + torch.tensor([3.0, 1.0, 0.0]), root_quat=half_turn
+    )
     reward, _ = shadow.references.compare(turned, shadow.rows)
     assert torch.allclose(reward, torch.ones(16), atol=1e-3)
 
@@ -61,11 +63,15 @@ def test_it_sees_what_comes_next(shadow):
     rows = torch.tensor([5, 58])
     ahead = shadow.references.ahead(rows).view(2, len(AHEAD), -1)
     assert torch.equal(ahead[0], shadow.references.frames[5 + torch.tensor(AHEAD)])
-    assert torch.equal(ahead[1], shadow.references.frames[[59, 59, 59]]), "a clip does not lead into the next"
+    assert torch.equal(ahead[1], shadow.references.frames[[59, 59, 59]]), (
+        "a clip does not lead into the next"
+    )
 
 
 def test_a_step_leads_to_the_next_moment_and_a_clip_ends(shadow):
-    shadow.put(torch.ones(16, dtype=torch.bool), torch.full((16,), 57), torch.zeros(16, dtype=torch.bool))
+    shadow.put(
+        torch.ones(16, dtype=torch.bool), torch.full((16,), 57), torch.zeros(16, dtype=torch.bool)
+    )
     _, _, lost, ended = shadow.step(torch.zeros(16, 12))
     assert (shadow.rows == 58).all() and not ended.any()
     _, _, lost, ended = shadow.step(torch.zeros(16, 12))
@@ -174,7 +180,9 @@ def test_a_share_of_the_episodes_stops(solo12, library):
 
 
 def test_stops_are_planned_before_their_clips_end(shadow):
-    config = performances.RecordingConfig(copies=1, starts=0, stops=50, stop_after_s=(0.2, 5.0), shortest_s=0.1, stand_s=0.4)
+    config = performances.RecordingConfig(
+        copies=1, starts=0, stops=50, stop_after_s=(0.2, 5.0), shortest_s=0.1, stand_s=0.4
+    )
     journey = performances.plan(shadow, config, seed=0)
     assert performances.worlds("abc", config) == len(journey.rows) == 52
     rows, stop_at = journey.rows[2:], journey.stop_at[2:]
@@ -187,9 +195,17 @@ def test_stops_are_planned_before_their_clips_end(shadow):
 def test_the_repertoire_is_the_clips_at_every_pace_and_standing(solo12, make_clips):
     clips = make_clips(solo12)
     made = repertoire(solo12, clips, (1.0, 0.5))
-    assert [clip.name for clip in made] == ["clip_0", "clip_1", "clip_0_pace0.5", "clip_1_pace0.5", "standing"]
+    assert [clip.name for clip in made] == [
+        "clip_0",
+        "clip_1",
+        "clip_0_pace0.5",
+        "clip_1_pace0.5",
+        "standing",
+    ]
     assert made[2].duration == pytest.approx(2.0 * clips[0].duration)
-    assert np.allclose(made[2].joint_vel, 0.5 * clips[0].joint_vel) and np.array_equal(made[2].joint_pos, clips[0].joint_pos)
+    assert np.allclose(made[2].joint_vel, 0.5 * clips[0].joint_vel) and np.array_equal(
+        made[2].joint_pos, clips[0].joint_pos
+    )
     still = made[-1]
     assert not still.joint_vel.any() and np.allclose(still.joint_pos, solo12.default_joint_pos)
 
@@ -197,7 +213,13 @@ def test_the_repertoire_is_the_clips_at_every_pace_and_standing(solo12, make_cli
 def test_the_stage_leaves_clips_and_the_tracker(solo12, library, make_clips, tmp_path):
     context = StageContext(RunStore(tmp_path / "runs"), "r")
     source = save_clips(
-        tmp_path / "clips.h5", make_clips(solo12), robot=(solo12.name, solo12.model_hash()), config={}, seed=0, parents=[], command=""
+        tmp_path / "clips.h5",
+        make_clips(solo12),
+        robot=(solo12.name, solo12.model_hash()),
+        config={},
+        seed=0,
+        parents=[],
+        command="",
     )
     result = track.run(track.smoke(), context, motions=[source])
     pieces = load_clips(result.artifact, robot="solo12")

@@ -118,7 +118,9 @@ def test_the_price_is_for_low_levels_that_were_constrained():
     assert priced(replace(smoke(), force_price=3.0), "gan").force_price == 3.0
 
 
-@pytest.mark.parametrize(("progress", "error", "same"), [(0.3, 1.0, False), (0.9, 1.0, True), (0.9, 0.2, False)])
+@pytest.mark.parametrize(
+    ("progress", "error", "same"), [(0.3, 1.0, False), (0.9, 1.0, True), (0.9, 0.2, False)]
+)
 def test_whoever_missed_has_the_same_target_again(make_trainer, progress, error, same):
     """From a share of the training on, and if it ended further away than 0.3 m."""
     trainer = make_trainer(horizon=1, second_chances=1.0)
@@ -205,7 +207,11 @@ def test_a_fall_is_undone_with_its_target_and_latent(make_trainer, monkeypatch):
     def unlucky(z):
         decision = reality(z)
         seen.append((env.env.command.clone(), env.latent.clone()))
-        return replace(decision, fell=torch.full_like(decision.fell, len(seen) in (14, 15)), timed_out=torch.zeros_like(decision.fell))
+        return replace(
+            decision,
+            fell=torch.full_like(decision.fell, len(seen) in (14, 15)),
+            timed_out=torch.zeros_like(decision.fell),
+        )
 
     monkeypatch.setattr(env, "step", unlucky)
     figures = trainer.iterate(0.5)
@@ -223,7 +229,9 @@ def test_contact_forces_are_counted_per_foot_and_substep(make_trainer, monkeypat
     above[3, 1] = 5.0
     monkeypatch.setattr(trainer.env, "step", lambda z: replace(reality(z), above_limit=above))
     substeps = HOLD_STEPS * trainer.env.env.physics.foot_force.shape[1]
-    assert trainer.iterate(0.0)["contact_violation"] == pytest.approx(5.0 / (16 * 4 * substeps), rel=0.05)
+    assert trainer.iterate(0.0)["contact_violation"] == pytest.approx(
+        5.0 / (16 * 4 * substeps), rel=0.05
+    )
 
 
 def test_bold_spells_keep_the_std_of_the_start(make_trainer):

@@ -141,7 +141,15 @@ def test_each_constraint_is_reported_over_the_whole_rollout(make_trainer, monkey
 
 
 def test_what_a_person_watches_is_reported(make_trainer):
-    expected = {"margin", "diversity", "kl", "learning_rate", "explained_variance", "value", "delta"}
+    expected = {
+        "margin",
+        "diversity",
+        "kl",
+        "learning_rate",
+        "explained_variance",
+        "value",
+        "delta",
+    }
     figures = make_trainer().iterate(0.5)
     assert expected <= set(figures)
     assert 0.5 < figures["diversity"] < 1.5, "an untrained actor hardly depends on the latent"
@@ -187,7 +195,11 @@ def test_a_new_episode_has_a_new_latent_and_its_last_state_the_old_one(make_trai
 def test_closing_figures_compare_with_the_clips(make_trainer):
     trainer = make_trainer()
     trainer.recent_falls = [5.0] * 199 + [2.0]
-    trainer.selection.chosen = {"actor": trainer.algorithm.actor.state_dict(), "figures": {"score": 0.3}, "samples": 640}
+    trainer.selection.chosen = {
+        "actor": trainer.algorithm.actor.state_dict(),
+        "figures": {"score": 0.3},
+        "samples": 640,
+    }
     figures = trainer.closing_figures()
     assert figures["falls_last_1pct"] == 7.0
     assert figures["clip_speed"] == pytest.approx(0.4, abs=0.01)

@@ -82,7 +82,9 @@ def test_what_the_motors_were_asked_for_is_not_inferred(solo12):
     asked = np.asarray(solo12.default_joint_pos) + SCALE * np.linspace(-2.0, 2.0, 12)[:, None]
     known = replace(clip, joint_target=asked.astype(np.float32))
     actions = infer(solo12, known, clip)
-    assert torch.allclose(actions[:11], torch.linspace(-2.0, 2.0, 12)[:11, None].expand(11, 12), atol=1e-5)
+    assert torch.allclose(
+        actions[:11], torch.linspace(-2.0, 2.0, 12)[:11, None].expand(11, 12), atol=1e-5
+    )
     assert not actions[11].any()
     assert torch.equal(actions[12:], infer(solo12, clip)), "of the other one nobody knows"
 

@@ -93,7 +93,14 @@ def test_model_hash_is_of_the_bytes(solo12, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "use", [RobotSpec.model, compile_scene, RobotSpec.pinocchio_model, RobotSpec.model_hash, RobotSpec.weight]
+    "use",
+    [
+        RobotSpec.model,
+        compile_scene,
+        RobotSpec.pinocchio_model,
+        RobotSpec.model_hash,
+        RobotSpec.weight,
+    ],
 )
 def test_a_missing_mjcf_is_named(solo12, use):
     lost = replace(solo12, mjcf=solo12.mjcf.with_name("lost.xml"))

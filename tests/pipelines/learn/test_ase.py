@@ -74,9 +74,13 @@ def test_a_rollout_is_learned_from_with_either_discriminator(make_ase, discrimin
     before = {k: v.clone() for k, v in ase.discriminator.state_dict().items()}
     ase.compute_returns(fill(ase))
     figures = ase.update()
-    assert {"imitation_reward", "encoder_cosine", "discriminator", "encoder", "agent_accuracy"} <= set(
-        figures
-    )
+    assert {
+        "imitation_reward",
+        "encoder_cosine",
+        "discriminator",
+        "encoder",
+        "agent_accuracy",
+    } <= set(figures)
     assert all(math.isfinite(value) for value in figures.values())
     after = ase.discriminator.state_dict()
     assert any(not torch.equal(before[name], after[name]) for name in before)
@@ -114,7 +118,9 @@ def test_broken_worlds_earn_and_teach_nothing(make_ase):
     ase, valid = make_ase(), torch.ones(WORLDS, dtype=torch.bool)
     ase.normalizer, valid[2] = Identity(), False
     seen = spy(ase)
-    last = fill(ase, frames=lambda step: torch.arange(float(WORLDS))[:, None].repeat(1, 2), valid=valid)
+    last = fill(
+        ase, frames=lambda step: torch.arange(float(WORLDS))[:, None].repeat(1, 2), valid=valid
+    )
     ase.compute_returns(last)
     assert torch.equal(ase.storage.rewards[:, 2], torch.zeros(HORIZON, 1))
     assert (ase.storage.rewards[:, [0, 1, 3]] > 0).all()
@@ -309,7 +315,9 @@ def test_the_anchor_holds_while_the_policy_says_otherwise(make_ase):
             ase.compute_returns(fill(ase))
             ase.update()
         transitions, z = labelled(500, torch.Generator().manual_seed(5))
-        kept[anchor] = float((ase.encoder(ase.normalizer(transitions)) * z).sum(dim=-1).mean().detach())
+        kept[anchor] = float(
+            (ase.encoder(ase.normalizer(transitions)) * z).sum(dim=-1).mean().detach()
+        )
     assert kept[1.0] > kept[0.0] + 0.05
 
 

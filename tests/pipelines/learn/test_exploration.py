@@ -41,7 +41,9 @@ def test_worlds_explore_in_spells():
     assert not factors[:, 1].any()
     assert factors[:, 2:].mean() == pytest.approx(0.5, abs=0.05)
     changes = factors[1:, 2:] != factors[:-1, 2:]
-    assert float(changes.float().mean()) == pytest.approx(0.05, abs=0.01), "half of the decisions change nothing"
+    assert float(changes.float().mean()) == pytest.approx(0.05, abs=0.01), (
+        "half of the decisions change nothing"
+    )
 
 
 def test_some_of_the_sampling_spells_are_bold():

@@ -31,7 +31,9 @@ def test_gradient_penalty_is_the_mean_squared_slope_on_demonstrations():
             ahead, behind = demo.clone(), demo.clone()
             ahead[:, column] += step
             behind[:, column] -= step
-            slopes.append((network.logits(ahead, draw()) - network.logits(behind, draw())) / (2 * step))
+            slopes.append(
+                (network.logits(ahead, draw()) - network.logits(behind, draw())) / (2 * step)
+            )
     expected = torch.stack(slopes, dim=1).square().sum(dim=1).mean()
     assert float(figures["gradient_penalty"]) == pytest.approx(float(expected), rel=1e-6)
 

@@ -72,11 +72,15 @@ def test_wandering_latents_move_on_in_small_steps_until_a_reset():
     assert (cosine[:200] < 0.9999).all()
     assert 0.9 < float(cosine[:200].mean()) < 0.99
     latents.advance(wandering)
-    assert abs(float((latents.z * before).sum(dim=-1)[:200].mean())) < 0.1, "a new episode, a new latent"
+    assert abs(float((latents.z * before).sum(dim=-1)[:200].mean())) < 0.1, (
+        "a new episode, a new latent"
+    )
 
 
 def test_every_wandering_world_has_a_stride_of_its_own_and_some_steps_are_jumps():
-    latents = LatentSchedule(4000, LatentConfig(wander=(0.03, 1.0), wander_steps=1, jump=0.1), seed=0)
+    latents = LatentSchedule(
+        4000, LatentConfig(wander=(0.03, 1.0), wander_steps=1, jump=0.1), seed=0
+    )
     latents.wandering[:], latents.remaining[:] = True, 1
     before = latents.z
     latents.advance(torch.zeros(4000, dtype=torch.bool))

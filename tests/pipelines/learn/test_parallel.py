@@ -128,14 +128,14 @@ def work(path, what):
         mine = slice(parallel.rank() * count, (parallel.rank() + 1) * count)
         torch.manual_seed(parallel.rank())  # first weights that differ, unless they are exchanged
         learn = {"control": learn_control, "style": learn_style}[what]
-        torch.save(
-            learn(mine, torch.Generator().manual_seed(7)), f"{path}.{parallel.rank()}"
-        )
+        torch.save(learn(mine, torch.Generator().manual_seed(7)), f"{path}.{parallel.rank()}")
 
 
 def flat(state):
     """Every number of a state, in order."""
-    return torch.cat([tensor.double().flatten() for part in state.values() for tensor in part.values()])
+    return torch.cat(
+        [tensor.double().flatten() for part in state.values() for tensor in part.values()]
+    )
 
 
 @pytest.mark.slow

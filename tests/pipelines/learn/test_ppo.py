@@ -51,7 +51,12 @@ def test_bold_steps_go_further_and_know_how_likely_that_was(make_ppo, observe):
     mean, std = ppo.transition.distribution_params
     expected = torch.distributions.Normal(mean, 3.0 * std).log_prob(action).sum(dim=-1)
     assert torch.allclose(ppo.transition.actions_log_prob.flatten(), expected, atol=1e-4)
-    far = torch.cat([(ppo.act(observe(seed=step)) - ppo.transition.distribution_params[0]) / std for step in range(300)])
+    far = torch.cat(
+        [
+            (ppo.act(observe(seed=step)) - ppo.transition.distribution_params[0]) / std
+            for step in range(300)
+        ]
+    )
     assert float(far.std()) == pytest.approx(3.0, rel=0.1)
 
 
@@ -183,9 +188,9 @@ def test_the_surrogate_is_clipped(make_ppo, observe):
     ppo = make_ppo(horizon=1)
     last = fill(ppo, observe)
     ppo.compute_returns(last)
-    ppo.storage.actions_log_prob += torch.tensor([0.0, -math.log(1.5), -math.log(1.5), math.log(2)])[
-        :, None
-    ]
+    ppo.storage.actions_log_prob += torch.tensor(
+        [0.0, -math.log(1.5), -math.log(1.5), math.log(2)]
+    )[:, None]
     gains = torch.tensor([1.0, 1.0, -1.0, -1.0])
     ppo.storage.advantages[0, :, 0] = gains
     _, figures = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
@@ -234,7 +239,9 @@ def test_a_critic_may_learn_alone(make_ppo, observe):
         same = [torch.equal(a, b) for a, b in zip(before, ppo.actor.mlp.parameters(), strict=True)]
         assert all(same) is not learns
         assert ("kl" in figures) is learns
-        assert not any(torch.equal(a, b) for a, b in zip(critic, ppo.critic.mlp.parameters(), strict=True))
+        assert not any(
+            torch.equal(a, b) for a, b in zip(critic, ppo.critic.mlp.parameters(), strict=True)
+        )
 
 
 def test_means_beyond_the_bound_are_pulled_back(make_ppo, observe):

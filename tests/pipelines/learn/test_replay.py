@@ -45,7 +45,9 @@ def test_state_dict_goes_on_with_the_same_draws():
     first, second = ReplayBuffer(20, 2, seed=0), ReplayBuffer(20, 2, seed=5)
     first.add(numbered(0, 15))
     state = first.state_dict()
-    state = {key: value.clone() if torch.is_tensor(value) else value for key, value in state.items()}
+    state = {
+        key: value.clone() if torch.is_tensor(value) else value for key, value in state.items()
+    }
     second.load_state_dict(state)
     for buffer in (first, second):
         buffer.add(numbered(100, 112))

@@ -61,7 +61,12 @@ def test_with_lambda_one_it_is_the_discounted_sum():
     rewards, delta = torch.rand(6, generator=generator), torch.rand(6, generator=generator)
     values = torch.rand(7, generator=generator)
     found = gae(
-        rewards.tolist(), values[:-1].tolist(), values[1:].tolist(), delta.tolist(), [0] * 6, lam=1.0
+        rewards.tolist(),
+        values[:-1].tolist(),
+        values[1:].tolist(),
+        delta.tolist(),
+        [0] * 6,
+        lam=1.0,
     )
     expected, survive = 0.0, 1.0
     for step in range(6):

@@ -64,7 +64,9 @@ def test_labelled_transitions_are_one_step_apart_and_carry_their_windows_latent(
 
 def test_uniformity_of_two_opposite_points_is_known():
     # Squared distance 4: log exp(-8).
-    assert math.isclose(float(uniformity(torch.tensor([[1.0, 0.0], [-1.0, 0.0]]))), -8.0, abs_tol=1e-5)
+    assert math.isclose(
+        float(uniformity(torch.tensor([[1.0, 0.0], [-1.0, 0.0]]))), -8.0, abs_tol=1e-5
+    )
 
 
 def test_uniformity_is_least_for_the_uniform_distribution():

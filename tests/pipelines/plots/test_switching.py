@@ -9,7 +9,9 @@ from lacoloco.pipelines.skill_usage import Switching
 
 def test_the_picture_has_all_that_happened(tmp_path, monkeypatch):
     nearest = np.repeat([[0, 0, 1, 1]] * 2, 10, axis=1)
-    found = Switching(("walk", "reach"), nearest, np.zeros((2, 40, 2)), np.zeros((2, 40)), np.zeros(2, bool), 10.0)
+    found = Switching(
+        ("walk", "reach"), nearest, np.zeros((2, 40, 2)), np.zeros((2, 40)), np.zeros(2, bool), 10.0
+    )
     latent = np.zeros((2, 40, 7))
     latent[:, :, 2] = 1.0
     contact = np.zeros((2, 40, 4), bool)

@@ -21,10 +21,18 @@ def walker(seconds=5.0, start=(0.0, 0.0), direction=(1.0, 0.0)):
     left = np.array([-direction[1], direction[0], 0.0])
     trunk = np.array([*start, 0.4]) + SPEED * time[:, None] * ahead
     paw = np.array([*start, 0.0]) + 2.0 * ahead + 0.1 * left
-    points = np.stack((trunk, trunk + 0.2 * left, trunk - 0.2 * left, np.broadcast_to(paw, trunk.shape)), axis=1)
+    points = np.stack(
+        (trunk, trunk + 0.2 * left, trunk - 0.2 * left, np.broadcast_to(paw, trunk.shape)), axis=1
+    )
     # the middle of all nodes is the trunk's, but for the paw: leave it out of the mean by its counterweight
     counter = np.broadcast_to(4 * trunk - points.sum(1) + trunk, trunk.shape)
-    return Mocap("walker", FPS, ("trunk", "left", "right", "paw", "counter"), (-1, 0, 0, 0, 0), np.concatenate((points, counter[:, None]), 1))
+    return Mocap(
+        "walker",
+        FPS,
+        ("trunk", "left", "right", "paw", "counter"),
+        (-1, 0, 0, 0, 0),
+        np.concatenate((points, counter[:, None]), 1),
+    )
 
 
 def middle(values):
@@ -40,7 +48,9 @@ def test_a_straight_walk_becomes_a_circle(curvature):
     np.testing.assert_allclose(middle(np.gradient(angle, 1 / FPS)), SPEED * curvature, rtol=0.02)
     speed = np.linalg.norm(np.gradient(points[..., :2], 1 / FPS, axis=0), axis=-1)
     for node, beside in ((TRUNK, 0.0), (LEFT, 0.2), (RIGHT, -0.2)):
-        np.testing.assert_allclose(middle(speed[:, node]), SPEED * (1 - curvature * beside), rtol=0.02)
+        np.testing.assert_allclose(
+            middle(speed[:, node]), SPEED * (1 - curvature * beside), rtol=0.02
+        )
     np.testing.assert_array_equal(points[..., 2], walker().positions[..., 2])
 
 
@@ -53,7 +63,11 @@ def test_bends_to_the_left_of_any_direction():
     """The course of a walk along -y from elsewhere is that of one along x, turned and moved."""
     along_x = bent(walker(), 1.5).positions
     other = bent(walker(start=(3.0, -2.0), direction=(0.0, -1.0)), 1.5).positions
-    turned = np.stack((along_x[..., 1], -along_x[..., 0], along_x[..., 2]), axis=-1) + [3.0, -2.0, 0.0]
+    turned = np.stack((along_x[..., 1], -along_x[..., 0], along_x[..., 2]), axis=-1) + [
+        3.0,
+        -2.0,
+        0.0,
+    ]
     np.testing.assert_allclose(other, turned, atol=1e-6)
 
 

@@ -14,7 +14,24 @@ def test_the_papers_selection_is_22_minutes_of_41_clips():
     assert selection.trims["D1_007_KAN01_001"] == ""
     # of the 24 clips with trims: 79,472 frames less the 17 whole recordings, by hand
     spans = [map(int, trim.split(":")) for trim in selection.trims.values() if trim]
-    whole = [592, 3237, 5097, 817, 855, 4685, 1053, 2750, 4335, 3593, 547, 3843, 4576, 547, 154, 202]
+    whole = [
+        592,
+        3237,
+        5097,
+        817,
+        855,
+        4685,
+        1053,
+        2750,
+        4335,
+        3593,
+        547,
+        3843,
+        4576,
+        547,
+        154,
+        202,
+    ]
     whole += [359, 747, 5355]
     assert sum(stop - start for start, stop in spans) == 79_472 - sum(whole)
 

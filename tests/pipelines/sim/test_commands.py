@@ -64,7 +64,9 @@ def test_targets_are_seen_in_the_base_frame():
     """Turned left by 90 degrees, what lies ahead in the world lies to the right (-y) of the base."""
     command = TargetCommand(z=(0.0, 0.0))
     half = math.sqrt(0.5)
-    seen = command.observe(torch.tensor([[3.0, 2.0, 0.5]]), state([1.0, 2.0, 0.3], [half, 0, 0, half]))
+    seen = command.observe(
+        torch.tensor([[3.0, 2.0, 0.5]]), state([1.0, 2.0, 0.3], [half, 0, 0, half])
+    )
     assert torch.allclose(seen, torch.tensor([[0.0, -2.0, 0.2]]), atol=1e-6)
 
 
@@ -72,7 +74,9 @@ def test_targets_tilt_with_the_base():
     """Nose down by 90 degrees about y: a point below the base is ahead of it."""
     command = TargetCommand(z=(0.0, 0.0))
     half = math.sqrt(0.5)
-    seen = command.observe(torch.tensor([[0.0, 0.0, -1.0]]), state([0.0, 0.0, 0.0], [half, 0, half, 0]))
+    seen = command.observe(
+        torch.tensor([[0.0, 0.0, -1.0]]), state([0.0, 0.0, 0.0], [half, 0, half, 0])
+    )
     assert torch.allclose(seen, torch.tensor([[1.0, 0.0, 0.0]]), atol=1e-6)
 
 

@@ -192,13 +192,17 @@ def test_only_undesired_contacts_that_the_task_names_end_an_episode(make_env, so
         assert idle(env).fell.tolist() == [False, strict, False, False]
 
 
-@pytest.mark.parametrize(("limit", "expected"), [(None, [False] * 4), (1.0, [False, True, True, False])])
+@pytest.mark.parametrize(
+    ("limit", "expected"), [(None, [False] * 4), (1.0, [False, True, True, False])]
+)
 def test_tipping_over_is_a_fall_where_the_task_says_so(make_env, limit, expected):
     """Whichever way, and long before the base touches the ground."""
     env = make_env(fall_tilt=limit)
     qpos, tilts = env.physics.qpos.clone(), torch.tensor([0.0, 1.2, -1.2, 0.8])
     qpos[:, 2] = 1.0
-    qpos[:, 3:7] = torch.stack((torch.cos(tilts / 2), torch.sin(tilts / 2), 0 * tilts, 0 * tilts), dim=1)
+    qpos[:, 3:7] = torch.stack(
+        (torch.cos(tilts / 2), torch.sin(tilts / 2), 0 * tilts, 0 * tilts), dim=1
+    )
     env.physics.reset(torch.arange(4), qpos, torch.zeros(4, 6 + env.num_actions))
     assert idle(env).fell.tolist() == expected
 
@@ -300,7 +304,10 @@ def test_commands_change_when_they_are_due(make_env, solo12):
 
 def test_rewards_are_weighted_and_paid_per_second(make_env, monkeypatch):
     """Bug B16: clipped at zero, a penalty is only ever worth what else was earned."""
-    constant = {"two": lambda env: torch.full((WORLDS,), 2.0), "one": lambda env: torch.ones(WORLDS)}
+    constant = {
+        "two": lambda env: torch.full((WORLDS,), 2.0),
+        "one": lambda env: torch.ones(WORLDS),
+    }
     monkeypatch.setattr(env_module, "REWARDS", constant)
     rewards = (("two", 1.5), ("one", -5.0))
     assert torch.allclose(idle(make_env(rewards=rewards)).reward, torch.tensor(-2.0 * CONTROL_DT))
@@ -350,7 +357,9 @@ def test_the_frame_of_a_step_is_that_before_a_push(make_env):
 
 def test_every_world_may_have_its_own_length_noise_and_share_of_clips(make_env, solo12, motions):
     task = imitate_task(solo12, constrained=False)
-    env = make_env(replace(task, reset=replace(task.reset, clip_share=1.0)), worlds=6, motions=motions)
+    env = make_env(
+        replace(task, reset=replace(task.reset, clip_share=1.0)), worlds=6, motions=motions
+    )
     env.episode_steps[:3], env.noise[::2], env.clip_share[3:] = 2, 0.0, 0.0
     env.steps.zero_()
     clean = (env.observe()[:, :34] - env.frame()).abs().amax(dim=1) == 0.0

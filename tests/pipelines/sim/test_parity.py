@@ -32,7 +32,9 @@ def test_equal_engines_pass(instead_of_warp, robot):
     instead_of_warp()
     found = parity.check_parity(robot, "cpu", 16)
     assert 0.1 < found["touching"] < 1.0
-    assert {name: found[name] for name in parity.TOLERANCES} == dict.fromkeys(parity.TOLERANCES, 0.0)
+    assert {name: found[name] for name in parity.TOLERANCES} == dict.fromkeys(
+        parity.TOLERANCES, 0.0
+    )
 
 
 def shifted(name, amount):
@@ -44,7 +46,13 @@ def shifted(name, amount):
 
 @pytest.mark.parametrize(
     ("name", "amount"),
-    [("qpos", 1e-4), ("qvel", 0.01), ("torque", 0.05), ("foot_force", 0.5), ("body_force", torch.nan)],
+    [
+        ("qpos", 1e-4),
+        ("qvel", 0.01),
+        ("torque", 0.05),
+        ("foot_force", 0.5),
+        ("body_force", torch.nan),
+    ],
 )
 def test_a_difference_is_refused_by_name(instead_of_warp, solo12, name, amount):
     instead_of_warp(shifted(name, amount))

@@ -15,7 +15,9 @@ BACK = PERIOD * DEPTH
 
 @pytest.fixture
 def env(solo12):
-    return LeggedEnv(solo12, replace(imitate_task(solo12, constrained=False), noise=0.0), WORLDS, seed=0)
+    return LeggedEnv(
+        solo12, replace(imitate_task(solo12, constrained=False), noise=0.0), WORLDS, seed=0
+    )
 
 
 def live(env, retries, steps):
@@ -38,8 +40,10 @@ def test_a_world_is_put_back_to_what_it_was(env, more):
     env.reset(torch.ones(WORLDS, dtype=torch.bool))
     fresh = env.physics.qpos[1].clone()
     latent = retries.put_back(again, torch.zeros(WORLDS, 7))
-    age = BACK + more - next(
-        i for i, (qpos, *_) in enumerate(seen) if torch.equal(qpos[0], env.physics.qpos[0])
+    age = (
+        BACK
+        + more
+        - next(i for i, (qpos, *_) in enumerate(seen) if torch.equal(qpos[0], env.physics.qpos[0]))
     )
     assert PERIOD * (DEPTH - 1) < age <= BACK
     qpos, qvel, action, z = seen[BACK + more - age]
@@ -146,7 +150,11 @@ def test_whoever_missed_begins_the_same_episode_again(reaching):
 
 def test_a_retry_after_a_fall_is_no_beginning(reaching):
     """Whoever fell, was put back and missed in the end begins where its episode did, not where it was put back to."""
-    env, retries, fell = reaching, Retries(reaching, 7, 1.0, seed=0), torch.tensor([True, False, False])
+    env, retries, fell = (
+        reaching,
+        Retries(reaching, 7, 1.0, seed=0),
+        torch.tensor([True, False, False]),
+    )
     live(env, retries, BACK)
     miss(env, retries, [True] * WORLDS)
     start = env.physics.qpos[0].clone()

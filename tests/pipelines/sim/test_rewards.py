@@ -53,7 +53,13 @@ def test_values_by_hand(env, name, expected):
 
 @pytest.mark.parametrize(
     "name",
-    ["track_planar_velocity", "track_planar_velocity_closely", "track_yaw_rate", "reach", "approach"],
+    [
+        "track_planar_velocity",
+        "track_planar_velocity_closely",
+        "track_yaw_rate",
+        "reach",
+        "approach",
+    ],
 )
 def test_kernels_pay_one_for_no_error_and_less_for_more(env, name):
     values = []

@@ -20,7 +20,9 @@ from lacoloco.pipelines.sim.state import (
 HALF = math.sqrt(0.5)
 
 
-@pytest.mark.parametrize(("joints", "style", "policy", "high"), [(12, 34, 46, 44), (19, 48, 67, 58)])
+@pytest.mark.parametrize(
+    ("joints", "style", "policy", "high"), [(12, 34, 46, 44), (19, 48, 67, 58)]
+)
 def test_widths_are_those_of_the_paper(joints, style, policy, high):
     assert width(style_terms(joints)) == style
     assert width(policy_terms(joints)) == policy
@@ -73,7 +75,9 @@ def test_frame_does_not_depend_on_where_the_robot_is_and_heads():
     moved_pos, moved_vel = qpos.clone(), qvel.clone()
     moved_pos[:, :2] += 5.0
     w, x, y, z = qpos[0, 3:7]
-    moved_pos[0, 3:7] = HALF * torch.stack([w - z, x - y, y + x, z + w])  # turned left by 90 degrees
+    moved_pos[0, 3:7] = HALF * torch.stack(
+        [w - z, x - y, y + x, z + w]
+    )  # turned left by 90 degrees
     moved_vel[0, :2] = torch.stack([-qvel[0, 1], qvel[0, 0]])
     here = style_frame(RobotState.from_generalized(qpos, qvel))
     there = style_frame(RobotState.from_generalized(moved_pos, moved_vel))

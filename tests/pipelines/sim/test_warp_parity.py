@@ -262,7 +262,10 @@ def test_the_same_policy_earns_the_same_on_both_engines(both, solo12):
     # Pairs tell more: no world may earn much more on one engine, which the spread between worlds would hide.
     difference = warp - native
     assert float(difference.abs().mean()) < 0.1 * float(native.std())
-    (idle,) = (returns(solo12, physics, lambda obs: torch.zeros(16, 12)) for physics in both(solo12, 16)[1:])
+    (idle,) = (
+        returns(solo12, physics, lambda obs: torch.zeros(16, 12))
+        for physics in both(solo12, 16)[1:]
+    )
     assert float((idle - native).abs().mean()) > 0.5 * float(native.std()), "a policy matters"
 
 
