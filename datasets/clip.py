@@ -55,8 +55,9 @@ class Clip:
     contacts: np.ndarray | None = None
     """(T, F) bool, which feet touch the ground, if known."""
     joint_target: np.ndarray | None = None
-    """(T, J) rad, where the motors were asked to go from frame k to k + 1, if a robot performed the clip; the last row leads
-    nowhere."""
+    """(T, J) rad, where the motors were asked to go from frame k to k + 1, if a robot performed the
+    clip; the last row leads nowhere.
+    """
 
     @classmethod
     def from_poses(
@@ -164,8 +165,8 @@ class Clip:
     def resample(self, fps: float) -> Clip:
         """The same motion at another rate: linear between frames, slerp for the orientation.
 
-        The last frame is the last one that fits into the duration; contacts are the nearest ones. What the motors were
-        asked for makes sense at the clip's own rate only: it is left out.
+        The last frame is the last one that fits into the duration; contacts are the nearest ones.
+        What the motors were asked for makes sense at the clip's own rate only: it is left out.
 
         Raises:
             DatasetError: fps is not positive.
@@ -176,7 +177,8 @@ class Clip:
         return replace(clip, fps=float(fps), **series.resampled(clip._rows(), self.fps, fps))
 
     def at_pace(self, pace: float) -> Clip:
-        """The same path ``pace`` times as fast, at other frames per second; without what the motors were asked for.
+        """The same path ``pace`` times as fast, at other frames per second; without what the motors
+        were asked for.
 
         Raises:
             DatasetError: pace is not positive.

@@ -56,7 +56,9 @@ def _ancestors(header: Header, depth: int, above: set[Path]) -> Iterator[Ancesto
 
 
 def _locate(parent: Parent, header: Header) -> Path:
-    """Where a parent lies; what is published lost its ancestors, but some of them are published too."""
+    """Where a parent lies; what is published lost its ancestors, but some of them are published
+    too.
+    """
     path = parent.locate(header.path)
     return path if path.is_file() else published.find_copy(parent.sha256) or path
 

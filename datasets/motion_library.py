@@ -139,8 +139,9 @@ class MotionLibrary:
     ) -> tuple[MotionFrames, MotionFrames]:
         """Draw n pairs of states `dt` apart, both within one clip.
 
-        Where `dt` is a whole number of frames, both are recorded frames: blended ones are smoother than
-        any that a robot passes through, which is all a discriminator would need to tell them apart.
+        Where `dt` is a whole number of frames, both are recorded frames: blended ones are smoother
+        than any that a robot passes through, which is all a discriminator would need to tell them
+        apart.
 
         Args:
             n: how many.

@@ -1,7 +1,8 @@
-"""Putting an artifact among those that come with lacoloco: an exact copy, and beside it where it comes from.
+"""Putting an artifact among those that come with lacoloco: an exact copy, and beside it where it
+comes from.
 
-The copy keeps its bytes, so everything made of the original finds it by its hash. Its ancestors mostly stay behind in
-somebody's runs; what they were is written into `NAME.json`.
+The copy keeps its bytes, so everything made of the original finds it by its hash. Its ancestors
+mostly stay behind in somebody's runs; what they were is written into `NAME.json`.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ _RECORDED = (
 
 
 def publish(artifact: Path, name: str) -> Path:
-    """Copy an artifact into `datasets/published` under a name that is still free, with its lineage beside it.
+    """Copy an artifact into `datasets/published` under a name that is still free, with its lineage
+    beside it.
 
     Args:
         artifact: what to publish.
@@ -46,8 +48,9 @@ def publish(artifact: Path, name: str) -> Path:
 
     Raises:
         ArtifactError: the artifact is damaged or the file system refuses.
-        DatasetError: a name that is taken or cannot be one; lacoloco runs outside a checkout; the lineage has gaps,
-            uncommitted code, or sources that are not lacoloco's own; or all together would be too large.
+        DatasetError: a name that is taken or cannot be one; lacoloco runs outside a checkout; the
+            lineage has gaps, uncommitted code, or sources that are not lacoloco's own; or all
+            together would be too large.
     """
     if not _NAME.fullmatch(name):
         raise DatasetError(f"'{name}': use lower-case letters and digits, joined by hyphens")
@@ -88,7 +91,8 @@ def _check(ancestor: Ancestor) -> None:
     path, header = ancestor.path, ancestor.header
     if ancestor.state != "ok":
         raise DatasetError(
-            f"{path}: is {ancestor.state}, so the lineage cannot be recorded; make the artifact again"
+            f"{path}: is {ancestor.state}, so the lineage cannot be recorded; make the artifact "
+            "again"
         )
     if header is None:
         own = path.resolve().is_relative_to(Path(samples.__file__).resolve().parent)
@@ -101,7 +105,8 @@ def _check(ancestor: Ancestor) -> None:
         return  # has passed before
     if not header.git_commit or header.git_commit.endswith("-dirty"):
         raise DatasetError(
-            f"{path}: made by code that was not committed ({header.git_commit or 'no checkout'}); commit and make it again"
+            f"{path}: made by code that was not committed ({header.git_commit or 'no checkout'}); "
+            "commit and make it again"
         )
     if ancestor.depth == 0 and any(Path(parent.path).is_absolute() for parent in header.parents):
         raise DatasetError(
@@ -113,7 +118,8 @@ def _check_size(artifact: Path) -> None:
     total = total_bytes() + artifact.stat().st_size
     if total > MOST_BYTES:
         raise DatasetError(
-            f"{artifact}: all published artifacts would have {total / 1e6:.1f} MB, {MOST_BYTES / 1e6:.0f} MB is the most"
+            f"{artifact}: all published artifacts would have {total / 1e6:.1f} MB, "
+            f"{MOST_BYTES / 1e6:.0f} MB is the most"
         )
 
 

@@ -1,4 +1,6 @@
-"""`lacoloco bench`: speed of the environments, of the training and of retargeting, next to the raw engine."""
+"""`lacoloco bench`: speed of the environments, of the training and of retargeting, next to the raw
+engine.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""`lacoloco run --methods ... --executor ...`: many trainings of one experiment, and how far they are."""
+"""`lacoloco run --methods ... --executor ...`: many trainings of one experiment, and how far they
+are.
+"""
 
 from __future__ import annotations
 

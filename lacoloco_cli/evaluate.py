@@ -104,7 +104,9 @@ def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path
 
 
 def show(answer: Mapping[str, Any]) -> None:
-    """Print a row per policy, who stayed and where failures crowd, mean and spread over seeds, the best."""
+    """Print a row per policy, who stayed and where failures crowd, mean and spread over seeds, the
+    best.
+    """
     from lacoloco.pipelines.conditions import describe
 
     rows = answer["rows"]
@@ -113,7 +115,8 @@ def show(answer: Mapping[str, Any]) -> None:
         who = f"{row['method']} seed {row['seed']}"
         if row["missed"]:
             typer.echo(
-                f"{who}, missed: {row['stayed']} of {row['missed']} end about as far away as they began"
+                f"{who}, missed: {row['stayed']} of {row['missed']} end about as far away as they "
+                "began"
             )
         for crowd in row["crowds"]:
             typer.echo(f"{who}, {describe(crowd)}")

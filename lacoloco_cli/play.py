@@ -148,7 +148,9 @@ def newest(session: Session) -> Path:
 
 
 def watched() -> bool:
-    """Whether a person reads the answer; a script that reads it would wait for a Ctrl-C that nobody types."""
+    """Whether a person reads the answer; a script that reads it would wait for a Ctrl-C that nobody
+    types.
+    """
     return sys.stdout.isatty()
 
 

@@ -1,4 +1,6 @@
-"""`lacoloco track`: motions as a robot performs them, from a policy that follows retargeted ones."""
+"""`lacoloco track`: motions as a robot performs them, from a policy that follows retargeted
+ones.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,10 @@ def track(
         list[Path] | None,
         typer.Option(
             "--motions",
-            help="Motions, or their published name; may be repeated; default: the run's newest retargeted ones.",
+            help=(
+                "Motions, or their published name; may be repeated; default: the run's newest "
+                "retargeted ones."
+            ),
         ),
     ] = None,
 ) -> None:

@@ -60,7 +60,8 @@ def train_low(
 
 
 def newest_motions(session: Session) -> list[Path]:
-    """The run's newest motions of every verb that made some; those of `retarget` only if nobody performed them.
+    """The run's newest motions of every verb that made some; those of `retarget` only if nobody
+    performed them.
 
     Raises:
         ArtifactError: None made any; the message names a verb that does.
@@ -75,6 +76,7 @@ def newest_motions(session: Session) -> list[Path]:
         followed = [parent.locate(performed[0]) for parent in read_header(performed[0]).parents]
         if retargeted[0].absolute() not in followed:
             session.progress.say(
-                "`lacoloco track` has not followed the newest retargeted motions: taking those it did"
+                "`lacoloco track` has not followed the newest retargeted motions: taking those it "
+                "did"
             )
     return generated + (performed or retargeted) or [store.newest(run, "generate")]

@@ -1,6 +1,7 @@
 """How fast the environments and the training are, next to the bare engine in the same run.
 
-Absolute rates on shared machines mean little; the ratio to the engine, taken in turns with it, does.
+Absolute rates on shared machines mean little; the ratio to the engine, taken in turns with it,
+does.
 """
 
 from __future__ import annotations
@@ -73,11 +74,13 @@ PRESETS: dict[str, Callable[[], BenchConfig]] = {
 def bench_sim(
     config: BenchConfig, *, robot: str = "solo12", task: str = "walk", device: str = "cpu"
 ) -> dict[str, Any]:
-    """The environment loop: physics, rewards, constraints, resets, observations, under random actions.
+    """The environment loop: physics, rewards, constraints, resets, observations, under random
+    actions.
 
     Returns:
-        ``steps_per_second`` and ``engine_steps_per_second`` (control steps), ``ratio_to_engine`` (median over pairs of
-        rounds), and ``shares`` of the loop's time by part, measured in further rounds.
+        ``steps_per_second`` and ``engine_steps_per_second`` (control steps), ``ratio_to_engine``
+        (median over pairs of rounds), and ``shares`` of the loop's time by part, measured in
+        further rounds.
 
     Raises:
         RobotError: unknown robot.
@@ -111,7 +114,8 @@ def bench_train(
     cat: bool = True,
     device: str = "cpu",
 ) -> dict[str, Any]:
-    """The whole low-level training with the configuration of ``config.recipe``, on clips made up here.
+    """The whole low-level training with the configuration of ``config.recipe``, on clips made up
+    here.
 
     Returns:
         As :func:`bench_sim`; the shares are those of a training iteration.
@@ -155,7 +159,9 @@ def bench_train(
 def made_up_clips(
     spec: RobotSpec, count: int, seconds: float = 10.0, fps: float = 50.0
 ) -> list[Clip]:
-    """Clips of the size of the paper's: the base glides forward while every joint swings around its default."""
+    """Clips of the size of the paper's: the base glides forward while every joint swings around its
+    default.
+    """
     times = np.arange(round(seconds * fps)) / fps
     forward = np.column_stack(
         [0.3 * times, 0.0 * times, np.full_like(times, spec.default_height())]

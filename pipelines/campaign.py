@@ -1,7 +1,8 @@
 """One experiment for several methods and seeds, each a member trained in a job of its own.
 
-What there is to do is read off the run: a member whose policy is there is done, one that was cut short goes on from its
-checkpoint, one that failed is tried again. So the same command, given again, does what is missing and nothing else.
+What there is to do is read off the run: a member whose policy is there is done, one that was cut
+short goes on from its checkpoint, one that failed is tried again. So the same command, given again,
+does what is missing and nothing else.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class Member:
     """One method with one seed, and how far it is.
 
     Attributes:
-        status: ``done``, ``failed`` (in this call), ``unfinished`` (a training was cut short) or ``missing``.
+        status: ``done``, ``failed`` (in this call), ``unfinished`` (a training was cut short) or
+            ``missing``.
         samples: control steps of the training it is at, as far as they are logged.
         low: its low level, if there is one.
         high: its high level, if there is one.

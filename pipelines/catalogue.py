@@ -36,13 +36,16 @@ class Experiment:
 
     Attributes:
         robot: name of the robot.
-        makers: the stages that make motions, ``generate``, ``retarget`` and ``track``, in their order.
+        makers: the stages that make motions, ``generate``, ``retarget`` and ``track``, in their
+            order.
         learn_from: those of them whose motions the low level imitates.
         about: one line for a person.
         episodes: at most so many are evaluated; a quickstart does not need the paper's 4096.
-        decisions: at most so many train the high level; a quickstart shows that it works, not how well in the end.
+        decisions: at most so many train the high level; a quickstart shows that it works, not how
+            well in the end.
         settings: verb -> fields of its config that are not the preset's.
-        start_from: names of published policies; the chain begins with the low level of the first that there is.
+        start_from: names of published policies; the chain begins with the low level of the first
+            that there is.
     """
 
     robot: str
@@ -79,7 +82,8 @@ EXPERIMENTS = {
         "solo12",
         ("retarget", "track", "generate"),
         ("track", "generate"),
-        "a dog's motions, and how to reach from an expert: few recordings of dogs show a raised foot",
+        "a dog's motions, and how to reach from an expert: few recordings of dogs show a raised "
+        "foot",
         settings={
             "retarget": {"augment": True},
             "generate": {"walk_clips": 0},

@@ -1,4 +1,6 @@
-"""Under which conditions episodes fail: what differed between them, and where their falls and misses crowd together."""
+"""Under which conditions episodes fail: what differed between them, and where their falls and
+misses crowd together.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,16 @@ from lacoloco.pipelines.sim.env import LeggedEnv
 
 QUARTERS = 4
 CLEARLY = 4.0
-"""Standard deviations above an even spread from which a crowd is none of chance, with some twenty quarters looked at."""
+"""Standard deviations above an even spread from which a crowd is none of chance, with some twenty
+quarters looked at.
+"""
 
 
 class Crowd(TypedDict):
     """A quarter of the episodes in which one kind of failure crowds.
 
-    Which failure, the condition and its range in that quarter, and how many of how many failures are there.
+    Which failure, the condition and its range in that quarter, and how many of how many failures
+    are there.
     """
 
     failure: str
@@ -34,8 +39,9 @@ class Crowd(TypedDict):
 def conditions(env: LeggedEnv) -> dict[str, torch.Tensor]:
     """What differs between the N worlds of a reach task at the start of their episodes, (N,) each.
 
-    Friction of the feet, factor on the masses, how far forward the base's centre of mass is shifted [m]; horizontal distance
-    [m] and height [m] of the target, and its angle to either side of straight ahead [deg].
+    Friction of the feet, factor on the masses, how far forward the base's centre of mass is shifted
+    [m]; horizontal distance [m] and height [m] of the target, and its angle to either side of
+    straight ahead [deg].
     """
     away = rotate_inverse(env.state.root_quat, env.command - env.state.root_pos)
     return {
@@ -49,14 +55,16 @@ def conditions(env: LeggedEnv) -> dict[str, torch.Tensor]:
 
 
 def crowds(failures: Mapping[str, np.ndarray], given: Mapping[str, np.ndarray]) -> list[Crowd]:
-    """Where failures crowd: the quarters of a condition that hold clearly more of them than a quarter.
+    """Where failures crowd: the quarters of a condition that hold clearly more of them than a
+    quarter.
 
     Args:
         failures: kind of failure -> (E,) bool.
         given: condition -> (E,) values.
 
     Returns:
-        For each failure and condition at most the fullest quarter; nothing where failures are spread as chance spreads them.
+        For each failure and condition at most the fullest quarter; nothing where failures are
+        spread as chance spreads them.
     """
     found: list[Crowd] = []
     for failure, failed in failures.items():
@@ -89,4 +97,7 @@ def describe(crowd: Crowd) -> str:
     """One line for a person."""
     digits = max(0, 2 - math.floor(math.log10(max(abs(crowd["low"]), abs(crowd["high"]), 1e-9))))
     low, high = (f"{crowd[end]:.{digits}f}" for end in ("low", "high"))
-    return f"{crowd['failure']}: {crowd['count']} of {crowd['of']} in the quarter with {crowd['condition']} {low} to {high}"
+    return (
+        f"{crowd['failure']}: {crowd['count']} of {crowd['of']} in the quarter with "
+        f"{crowd['condition']} {low} to {high}"
+    )

@@ -1,8 +1,9 @@
-"""Deterministic skill coverage: what fixed latents do from a standing start, without exploration noise.
+"""Deterministic skill coverage: what fixed latents do from a standing start, without exploration
+noise.
 
-Statistics of a training deceive: sampled actions walk where the mean action stands still, and resets into clips keep a
-policy in whatever it was put into. So the skills are counted the way a high level will use them, and the clips are
-counted by the same rules beside them.
+Statistics of a training deceive: sampled actions walk where the mean action stands still, and
+resets into clips keep a policy in whatever it was put into. So the skills are counted the way a
+high level will use them, and the clips are counted by the same rules beside them.
 """
 
 from __future__ import annotations
@@ -25,9 +26,13 @@ from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task
 from lacoloco.robots.spec import RobotSpec
 
 WALK_SPEED = 0.15
-"""Mean planar speed [m/s] over the second half of the hold from which a latent counts as walking."""
+"""Mean planar speed [m/s] over the second half of the hold from which a latent counts as
+walking.
+"""
 REACH_HEIGHT = 0.15
-"""Height [m] of the end effector above its standing height, held on average over the last second, that counts as reaching."""
+"""Height [m] of the end effector above its standing height, held on average over the last second,
+that counts as reaching.
+"""
 REACH_SECONDS = 1.0
 QUANTILES = {"p10": 0.1, "p50": 0.5, "p90": 0.9}
 CLIP_WINDOWS = 512
@@ -40,7 +45,8 @@ class Behaviour:
 
     Attributes:
         speed: (N,) mean planar speed of the base [m/s].
-        lift: (N,) mean height of the end effector above its height in standing, over the last second [m].
+        lift: (N,) mean height of the end effector above its height in standing, over the last
+            second [m].
         frame: (N, 10 + 2J) mean style frame.
         fell: (N,) bool.
     """
@@ -51,7 +57,9 @@ class Behaviour:
     fell: torch.Tensor
 
     def shares(self) -> dict[str, float]:
-        """Shares that fall, reach, walk (and do not reach) and stand (none of these); they add up to 1."""
+        """Shares that fall, reach, walk (and do not reach) and stand (none of these); they add up
+        to 1.
+        """
         reach = (self.lift > REACH_HEIGHT) & ~self.fell
         walk = (self.speed > WALK_SPEED) & ~self.fell & ~reach
         kinds = {
@@ -76,9 +84,11 @@ class Behaviour:
 
 
 class SkillCoverage:
-    """Counts skills again and again in one environment, from the same states and with the same latents each time.
+    """Counts skills again and again in one environment, from the same states and with the same
+    latents each time.
 
-    It draws from generators of its own: a training that is measured stays bit for bit what it would have been.
+    It draws from generators of its own: a training that is measured stays bit for bit what it would
+    have been.
     """
 
     def __init__(
@@ -90,7 +100,9 @@ class SkillCoverage:
         seconds: float = 3.0,
         seed: int = 0,
     ) -> None:
-        """Let ``latents`` robots stand and look at the clips once; a latent will be held for ``seconds``."""
+        """Let ``latents`` robots stand and look at the clips once; a latent will be held for
+        ``seconds``.
+        """
         self.seed, self.steps = seed, round(seconds / CONTROL_DT)
         self.env = _standing_env(spec, latents, seed, library.device)
         self._start = deepcopy(self.env.state_dict())
@@ -104,16 +116,19 @@ class SkillCoverage:
             f"clips_{name}": value
             for name, value in (clips.shares() | clips.distribution()).items()
         }
-        """The clips' own shares, means and quantiles, named like the latents' with ``clips_`` for ``coverage_``."""
+        """The clips' own shares, means and quantiles, named like the latents' with ``clips_`` for
+        ``coverage_``.
+        """
 
     def measure(self, policy: Policy) -> dict[str, float]:
         """Hold uniform latents with mean actions and classify what they do.
 
         Returns:
-            Shares ``coverage_walk``, ``coverage_reach``, ``coverage_fall``, ``coverage_stand``; means and quantiles of
-            ``coverage_speed`` [m/s] and ``coverage_lift`` [m]; ``coverage_clips``, the share of clips that some latent
-            reproduces; ``coverage_spread``, how much the latents differ from each other (1: as much as moments of the
-            clips do); and the clips' own figures.
+            Shares ``coverage_walk``, ``coverage_reach``, ``coverage_fall``, ``coverage_stand``;
+            means and quantiles of ``coverage_speed`` [m/s] and ``coverage_lift`` [m];
+            ``coverage_clips``, the share of clips that some latent reproduces; ``coverage_spread``,
+            how much the latents differ from each other (1: as much as moments of the clips do); and
+            the clips' own figures.
         """
         done = self._hold(policy)
         figures = done.shares() | done.distribution()
@@ -138,7 +153,9 @@ class SkillCoverage:
         return _behaviour(speeds, heights, frames, fell, self._standing_height)
 
     def _reproduced(self, reached: torch.Tensor) -> float:
-        """Share of clips to which some latent has come at least half of the way from standing, by mean style frame."""
+        """Share of clips to which some latent has come at least half of the way from standing, by
+        mean style frame.
+        """
         if not len(reached):
             return 0.0
         clips, standing = self._clip_frames / self._spread, self._standing_frame / self._spread
@@ -149,7 +166,9 @@ class SkillCoverage:
 def clip_behaviour(
     spec: RobotSpec, library: MotionLibrary, seconds: float, standing_height: float, seed: int
 ) -> Behaviour:
-    """What the clips show in windows of ``seconds`` (or as long as the longest clip), drawn by duration."""
+    """What the clips show in windows of ``seconds`` (or as long as the longest clip), drawn by
+    duration.
+    """
     seconds = min(seconds, float(library.durations.max()))
     draw = torch.Generator(library.device).manual_seed(seed)
     clips, begin = library.sample(CLIP_WINDOWS, generator=draw, margin=seconds)
@@ -168,7 +187,9 @@ def clip_behaviour(
 
 
 def clip_means(library: MotionLibrary, samples: int = 64) -> torch.Tensor:
-    """(clips, 10 + 2J) mean style frame of every clip, from ``samples`` equally spaced moments each."""
+    """(clips, 10 + 2J) mean style frame of every clip, from ``samples`` equally spaced moments
+    each.
+    """
     clips = torch.arange(len(library), device=library.device).repeat_interleave(samples)
     share = torch.linspace(0.0, 1.0, samples, device=library.device).repeat(len(library))
     frames = library.frames(clips, share * library.durations[clips])

@@ -1,8 +1,9 @@
 """What is wrong with a training, by name, from its figures alone.
 
-Each check takes the figures of all iterations so far, oldest first, and returns one line, ``name: evidence; what to
-try``, or nothing. Noisy figures are averaged over the last ``WINDOW`` iterations, and nothing is said before
-``WARM_UP`` of them: every training begins by standing, with latents that mean nothing yet.
+Each check takes the figures of all iterations so far, oldest first, and returns one line, ``name:
+evidence; what to try``, or nothing. Noisy figures are averaged over the last ``WINDOW`` iterations,
+and nothing is said before ``WARM_UP`` of them: every training begins by standing, with latents that
+mean nothing yet.
 """
 
 from __future__ import annotations
@@ -15,21 +16,30 @@ History = Sequence[Figures]
 
 WINDOW, WARM_UP = 20, 40
 SATURATED_ACCURACY, SATURATED_REWARD = 0.95, 0.1
-"""A blind discriminator is right half of the time and pays ln 2 = 0.69. At 95 to 99 % right the policy was paid 0.03
-and learned nothing (README of learn/); 0.1 is what it gets where it is taken for a demonstration one time in ten."""
+"""A blind discriminator is right half of the time and pays ln 2 = 0.69. At 95 to 99 % right the
+policy was paid 0.03 and learned nothing (README of learn/); 0.1 is what it gets where it is taken
+for a demonstration
+one time in ten.
+"""
 IGNORED_COSINE = 0.1
-"""The encoder's cosine is 0 for guesses, 0.3 after 0.7 M samples of a training that steers, 0.7 at its end. The diversity
-loss tells less: small actions leave it at 0.98 (1: ignored) where latents do steer."""
+"""The encoder's cosine is 0 for guesses, 0.3 after 0.7 M samples of a training that steers, 0.7 at
+its end. The diversity loss tells less: small actions leave it at 0.98 (1: ignored) where latents do
+steer.
+"""
 STANDS, CLIPS_STAND = 0.9, 0.5
 """Share of latents that stand, where at most this share of the clips does."""
 COLLAPSED, SKILL_SHARE = 0.95, 0.05
 """Share of latents of one kind, where this share of the clips is of each of two kinds at least."""
 HACKED_MOVES, HACKED_STARTS = 0.4, 0.2
-"""In training at least the first share of the clips' speed, from a standing start at most the second share of that."""
+"""In training at least the first share of the clips' speed, from a standing start at most the
+second share of that.
+"""
 ONE_LATENT = 0.95
 """Mean resultant length of the chosen latents: all within some 18 degrees of one direction."""
 STILL_SPEED = 0.03
-"""Mean speed [m/s] below which a high level goes nowhere: 30 cm in an episode whose target is up to 1.5 m away."""
+"""Mean speed [m/s] below which a high level goes nowhere: 30 cm in an episode whose target is up to
+1.5 m away.
+"""
 
 
 def low_level_warnings(history: History) -> list[str]:
@@ -55,8 +65,10 @@ def discriminator_saturated(history: History) -> str | None:
     reward = _mean(history, "imitation_reward")
     if accuracy > SATURATED_ACCURACY or reward < SATURATED_REWARD:
         return (
-            f"discriminator saturated: right {accuracy:.0%} of the time, pays {reward:.2f} (undecided: 0.69); try a lower"
-            " max_accuracy (ase.drail, ase.gan) or ase.learning_rate, or less exploration noise (std)"
+            f"discriminator saturated: right {accuracy:.0%} of the time, pays {reward:.2f} "
+            "(undecided: 0.69); try a lower"
+            " max_accuracy (ase.drail, ase.gan) or ase.learning_rate, or less exploration noise "
+            "(std)"
         )
     return None
 
@@ -66,14 +78,17 @@ def latents_ignored(history: History) -> str | None:
     cosine = _mean(history, "encoder_cosine")
     if cosine < IGNORED_COSINE:
         return (
-            f"latents ignored: encoder cosine {cosine:.2f} (guessing: 0), diversity loss {_mean(history, 'diversity'):.2f}"
+            f"latents ignored: encoder cosine {cosine:.2f} (guessing: 0), diversity loss "
+            f"{_mean(history, 'diversity'):.2f}"
             " (ignored: 1); try a larger ase.encoder_weight or ase.diversity"
         )
     return None
 
 
 def mode_collapse(history: History) -> str | None:
-    """Whatever the latent, the robot does one thing, and it is not standing; the clips show several."""
+    """Whatever the latent, the robot does one thing, and it is not standing; the clips show
+    several.
+    """
     latest = _latest(history, "coverage_walk")
     shares = {name: latest.get(f"coverage_{name}", 0.0) for name in ("walk", "reach", "fall")}
     kind = max(shares, key=lambda name: shares[name])
@@ -84,7 +99,8 @@ def mode_collapse(history: History) -> str | None:
     ]
     if shares[kind] > COLLAPSED and len(shown) > 1:
         return (
-            f"mode collapse: {shares[kind]:.0%} of the latents {kind}, the clips {' and '.join(shown)}; try a larger"
+            f"mode collapse: {shares[kind]:.0%} of the latents {kind}, the clips "
+            f"{' and '.join(shown)}; try a larger"
             " ase.encoder_weight, or skill_shares"
         )
     return None
@@ -96,20 +112,24 @@ def policy_just_stands(history: History) -> str | None:
     stands, clips = latest.get("coverage_stand", 0.0), latest.get("clips_stand", 1.0)
     if stands > STANDS and clips < CLIPS_STAND:
         return (
-            f"policy just stands: {stands:.0%} of the latents stand from a standing start, {clips:.0%} of the clips; try"
+            f"policy just stands: {stands:.0%} of the latents stand from a standing start, "
+            f"{clips:.0%} of the clips; try"
             " more warm_start, fewer resets into clips (clip_share) or more exploration (std)"
         )
     return None
 
 
 def reward_hacked_by_resets(history: History) -> str | None:
-    """The policy moves in training, where resets put it into clips and noise carries it, and not from a standing start."""
+    """The policy moves in training, where resets put it into clips and noise carries it, and not
+    from a standing start.
+    """
     latest = _latest(history, "coverage_speed")
     moves, starts = _mean(history, "speed"), latest.get("coverage_speed", float("nan"))
     clips = latest.get("clips_speed", float("nan"))
     if moves > HACKED_MOVES * clips and starts < HACKED_STARTS * moves:
         return (
-            f"reward hacked by resets: {moves:.2f} m/s in training (clips {clips:.2f}), {starts:.2f} m/s from a standing"
+            f"reward hacked by resets: {moves:.2f} m/s in training (clips {clips:.2f}), "
+            f"{starts:.2f} m/s from a standing"
             " start without noise; try a lower clip_share, longer episode_s or less noise (std)"
         )
     return None
@@ -120,7 +140,8 @@ def one_latent_only(history: History) -> str | None:
     resultant, directions = _mean(history, "latent_resultant"), _mean(history, "latent_directions")
     if resultant > ONE_LATENT:
         return (
-            f"mode collapse: the high level keeps to one latent (mean resultant length {resultant:.2f}, {directions:.1f}"
+            "mode collapse: the high level keeps to one latent (mean resultant length "
+            f"{resultant:.2f}, {directions:.1f}"
             " directions in use); try a larger std, or another low level"
         )
     return None
@@ -130,7 +151,10 @@ def goes_nowhere(history: History) -> str | None:
     """The high level has learned to stand."""
     speed = _mean(history, "speed")
     if speed < STILL_SPEED:
-        return f"policy just stands: {speed:.3f} m/s on average; see what the low level can do: `lacoloco play --latents`"
+        return (
+            f"policy just stands: {speed:.3f} m/s on average; see what the low level can do: "
+            "`lacoloco play --latents`"
+        )
     return None
 
 
@@ -141,7 +165,9 @@ def _all(checks: Sequence[Callable[[History], str | None]], history: History) ->
 
 
 def _mean(history: History, name: str) -> float:
-    """Mean of the last iterations that have the figure; NaN, which no threshold is passed by, where none has."""
+    """Mean of the last iterations that have the figure; NaN, which no threshold is passed by, where
+    none has.
+    """
     values = [figures[name] for figures in history[-WINDOW:] if name in figures]
     return sum(values) / len(values) if values else float("nan")
 

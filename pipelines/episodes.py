@@ -1,4 +1,6 @@
-"""Episodes of the reach task, played to their end and counted: the measure of a pair of policies."""
+"""Episodes of the reach task, played to their end and counted: the measure of a pair of
+policies.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ OUTCOMES = ("error", "fell", "above_limit", "substeps")
 MISSED = 0.3
 """Metres from the target beyond which an episode that did not fall has missed it."""
 STAYED = 0.4
-"""Metres by which an episode that ends where it began may seem to have come nearer: the foot is that far ahead of the base."""
+"""Metres by which an episode that ends where it began may seem to have come nearer: the foot is
+that far ahead of the base.
+"""
 
 
 @dataclass(frozen=True)
@@ -39,11 +43,13 @@ class Episodes:
     """Outcomes of E episodes.
 
     Attributes:
-        error: (E,) distance of the end effector from the target at the last step before the end [m].
+        error: (E,) distance of the end effector from the target at the last step before the end
+            [m].
         fell: (E,) bool.
         above_limit: (E, F) substeps in which a foot's contact force exceeded the limit.
         substeps: (E,) substeps lived through.
-        conditions: what differed between them, (E,) each; see :func:`lacoloco.pipelines.conditions.conditions`.
+        conditions: what differed between them, (E,) each; see
+            :func:`lacoloco.pipelines.conditions.conditions`.
     """
 
     error: np.ndarray
@@ -59,7 +65,9 @@ class Episodes:
 
     @property
     def stayed(self) -> np.ndarray:
-        """(E,) bool, missed and ended about as far from the target as the base was from it at the start."""
+        """(E,) bool, missed and ended about as far from the target as the base was from it at the
+        start.
+        """
         return self.missed & (self.error > self.conditions["target_distance_m"] - STAYED)
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -74,8 +82,9 @@ class Episodes:
     def figures(self) -> dict[str, float]:
         """Table I's columns, and the two that its mean hides.
 
-        Error mean and std [m], its median [m]; share of foot-substeps above the limit [%]; share of episodes that end in a
-        fall [%], and of those that end, without one, further than ``MISSED`` from the target [%].
+        Error mean and std [m], its median [m]; share of foot-substeps above the limit [%]; share of
+        episodes that end in a fall [%], and of those that end, without one, further than ``MISSED``
+        from the target [%].
         """
         feet = self.above_limit.shape[1]
         values = (
@@ -100,10 +109,12 @@ def play_episodes(
     randomisation: Randomisation | None = None,
     progress: Progress = SILENT,
 ) -> Episodes:
-    """Play ``episodes`` episodes, each in a world with its own randomisation, motors as strong as they are, noise off.
+    """Play ``episodes`` episodes, each in a world with its own randomisation, motors as strong as
+    they are, noise off.
 
-    Pushes and randomisation stay on, as in the original's evaluation (facts 2.2). Without a policy ``high`` every decision
-    is a random latent, which is what an untrained high level amounts to. ``randomisation`` takes the place of the task's.
+    Pushes and randomisation stay on, as in the original's evaluation (facts 2.2). Without a policy
+    ``high`` every decision is a random latent, which is what an untrained high level amounts to.
+    ``randomisation`` takes the place of the task's.
     """
     worlds = min(worlds, episodes)
     task = replace(reach_task(spec), noise=0.0, training_limits=False)

@@ -69,7 +69,8 @@ PRESETS: dict[str, Callable[[], EvalConfig]] = {
 
 
 def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) -> StageResult:
-    """Evaluate high-level artifacts, one row each, and the best of them by episodes that are not reported.
+    """Evaluate high-level artifacts, one row each, and the best of them by episodes that are not
+    reported.
 
     Raises:
         ArtifactError: an input is missing, damaged, or holds no high level.

@@ -1,4 +1,6 @@
-"""The chains of stages, quickstart and the paper's experiments: the only place where stages meet."""
+"""The chains of stages, quickstart and the paper's experiments: the only place where stages
+meet.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +37,11 @@ def run(
 ) -> list[Outcome]:
     """Run an experiment from nothing to an evaluated, exported and rendered policy.
 
-    Where the experiment may start from a published low level of this method, and there is one, only a new high level
-    is trained: skills once, tasks in minutes.
+    Where the experiment may start from a published low level of this method, and there is one, only
+    a new high level is trained: skills once, tasks in minutes.
 
-    With ``context.resume``, stages that are complete in this run are kept and the unfinished one goes on.
+    With ``context.resume``, stages that are complete in this run are kept and the unfinished one
+    goes on.
 
     Args:
         name: a key of ``EXPERIMENTS``.
@@ -64,7 +67,9 @@ def run(
 
 
 def published_low(experiment: Experiment, method: str) -> Path | None:
-    """The published policy whose low level an experiment may start from, None where none was trained by this method."""
+    """The published policy whose low level an experiment may start from, None where none was
+    trained by this method.
+    """
     from lacoloco.datasets import published
     from lacoloco.datasets.artifact import read_header
 
@@ -77,7 +82,8 @@ def published_low(experiment: Experiment, method: str) -> Path | None:
 def make_motions(
     name: str, context: StageContext, *, preset: str, mocap: Sequence[Path] = ()
 ) -> list[Path]:
-    """The motions that an experiment's low level learns from; those that are there already are kept.
+    """The motions that an experiment's low level learns from; those that are there already are
+    kept.
 
     Raises:
         StageError: unknown experiment or preset.
@@ -94,7 +100,8 @@ def make_motions(
 
 
 def train_both(name: str, context: StageContext, *, preset: str, method: str) -> Path:
-    """Both levels of one method and seed on the run's newest motions; a level that is there already is kept.
+    """Both levels of one method and seed on the run's newest motions; a level that is there already
+    is kept.
 
     Returns:
         The high level's artifact.
@@ -131,7 +138,9 @@ def _resuming(
 
 
 class _Chain:
-    """Runs one experiment's stages in order, feeding each the newest artifacts of those before it."""
+    """Runs one experiment's stages in order, feeding each the newest artifacts of those before
+    it.
+    """
 
     def __init__(
         self,
@@ -181,7 +190,9 @@ class _Chain:
         return {"robot": self.experiment.robot, **({"sources": self.mocap} if self.mocap else {})}
 
     def stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:
-        """Run one stage; with ``context.resume``, keep it where it is complete and go on where it is not."""
+        """Run one stage; with ``context.resume``, keep it where it is complete and go on where it
+        is not.
+        """
         module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
         config = self._config(module, verb)
         done = (
@@ -257,15 +268,18 @@ HEADLINES: dict[str, Callable[[dict[str, Any]], str]] = {
     ),
     "train-low": lambda m: (
         f"{m['samples'] / 1e6:.1f} M samples, {m['samples_per_second']:.0f}/s; speed "
-        f"{m['speed']:.2f} m/s (clips {m['clip_speed']:.2f}), latents that walk {100 * m['coverage_walk']:.0f} %, "
+        f"{m['speed']:.2f} m/s (clips {m['clip_speed']:.2f}), latents that walk "
+        f"{100 * m['coverage_walk']:.0f} %, "
         f"reach {100 * m['coverage_reach']:.0f} %"
     ),
     "train-high": lambda m: (
         f"error {100 * m['trained_error']:.1f} cm, untrained {100 * m['untrained_error']:.1f} cm"
     ),
     "eval": lambda m: (
-        f"error {100 * m['best']['ee_error_mean_m']:.1f} +- {100 * m['best']['ee_error_std_m']:.1f} cm, "
-        f"violation {m['best']['contact_violation_pct']:.2f} %, falls {m['best']['falls_pct']:.2f} %"
+        f"error {100 * m['best']['ee_error_mean_m']:.1f} +- "
+        f"{100 * m['best']['ee_error_std_m']:.1f} cm, "
+        f"violation {m['best']['contact_violation_pct']:.2f} %, falls "
+        f"{m['best']['falls_pct']:.2f} %"
     ),
     "export": lambda m: f"low.onnx, high.onnx; largest difference {m['max_abs_difference']:.1g}",
     "play": lambda m: str(m["html"]),

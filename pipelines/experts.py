@@ -1,4 +1,6 @@
-"""The experts that perform the synthetic motions: one policy per skill, PPO under constraints (paper, "Motion Datasets")."""
+"""The experts that perform the synthetic motions: one policy per skill, PPO under constraints
+(paper, "Motion Datasets").
+"""
 
 from __future__ import annotations
 
@@ -30,9 +32,11 @@ class ExpertConfig:
         worlds: parallel worlds.
         samples: control steps in all.
         reward_scale: factor on the task's reward, so that returns are near 1.
-        ramp: shares of the training between which the constraints rise from nothing to full strength.
-        std: exploration std at the start and at the end, in raw action units. On a schedule: a learned one collapses
-            within a million samples, long before the foot has found its target.
+        ramp: shares of the training between which the constraints rise from nothing to full
+            strength.
+        std: exploration std at the start and at the end, in raw action units. On a schedule: a
+            learned one collapses within a million samples, long before the foot has found its
+            target.
     """
 
     worlds: int = 512
@@ -74,7 +78,9 @@ def smoke_expert() -> ExpertConfig:
 
 
 def clean(task: Task) -> Task:
-    """The task as experts train on it and are recorded: own friction and masses per world, but no noise and no pushes."""
+    """The task as experts train on it and are recorded: own friction and masses per world, but no
+    noise and no pushes.
+    """
     return replace(task, noise=0.0, randomisation=replace(task.randomisation, push=0.0))
 
 
@@ -86,7 +92,8 @@ class ExpertTrainer:
     ) -> None:
         """Build the environment and the learner."""
         torch.manual_seed(seed)
-        # Nobody deploys an expert, so it may see clearly; but its clips must show every world the low level will meet.
+        # Nobody deploys an expert, so it may see clearly; but its clips must show every world the
+        # low level will meet.
         self.config, self.task = config, clean(TASKS[task_name](spec))
         self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
         self.env.stagger()

@@ -1,4 +1,6 @@
-"""Stage export: both levels as ONNX files that carry all a robot needs to run them, checked against torch."""
+"""Stage export: both levels as ONNX files that carry all a robot needs to run them, checked against
+torch.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ PRESETS: dict[str, Callable[[], ExportConfig]] = {
 
 
 class ExportedActor(nn.Module):
-    """Normaliser, network and, for the high level, the projection to the sphere: what the ONNX file computes."""
+    """Normaliser, network and, for the high level, the projection to the sphere: what the ONNX file
+    computes.
+    """
 
     def __init__(self, policy: Policy) -> None:
         """Take a trained policy."""
@@ -102,7 +106,9 @@ def run(config: ExportConfig, context: StageContext, *, policy: Path) -> StageRe
 
 
 def describe(policy: Policy, spec: RobotSpec, artifact: Artifact) -> dict[str, Any]:
-    """Everything a controller must know, as plain JSON data; SI units, joints in ``joint_names`` order."""
+    """Everything a controller must know, as plain JSON data; SI units, joints in ``joint_names``
+    order.
+    """
     return {
         "format": "lacoloco-onnx",
         "format_version": FORMAT_VERSION,
@@ -119,7 +125,9 @@ def describe(policy: Policy, spec: RobotSpec, artifact: Artifact) -> dict[str, A
         "effort_limits": spec.effort_limits().tolist(),
         "default_joint_pos": list(spec.default_joint_pos),
         "action_scale": spec.action_scale,
-        "action_rule": "joint target = default_joint_pos + action_scale * action, held for control_dt",
+        "action_rule": (
+            "joint target = default_joint_pos + action_scale * action, held for control_dt"
+        ),
         "control_dt": CONTROL_DT,
         "decision_dt": CONTROL_DT * HOLD_STEPS,
         "latent_hold_steps": HOLD_STEPS,
@@ -136,14 +144,17 @@ def describe(policy: Policy, spec: RobotSpec, artifact: Artifact) -> dict[str, A
 
 
 def write_onnx(policy: Policy, path: Path, metadata: dict[str, Any], opset: int) -> None:
-    """Export one actor as a single file with a named batch axis and the metadata under the key ``lacoloco``."""
+    """Export one actor as a single file with a named batch axis and the metadata under the key
+    ``lacoloco``.
+    """
     import onnx
 
     sizes = policy.head.sizes
     example = tuple(torch.zeros(2, size) for size in sizes.values())
     batch = torch.export.Dim("batch")
     with warnings.catch_warnings():
-        # The exporter warns, and logs, about packages of its own that are not there; nothing of ours.
+        # The exporter warns, and logs, about packages of its own that are not there; nothing of
+        # ours.
         warnings.simplefilter("ignore")
         logging.getLogger("torch.onnx").setLevel(logging.ERROR)
         program = torch.onnx.export(
@@ -189,6 +200,7 @@ def largest_difference(
         worst = max(worst, float(np.abs(found - expected).max()))
     if worst > TOLERANCE:
         raise StageError(
-            f"{path.name}: onnxruntime and torch differ by {worst:.2g}, more than {TOLERANCE:g}; please report it"
+            f"{path.name}: onnxruntime and torch differ by {worst:.2g}, more than {TOLERANCE:g}; "
+            "please report it"
         )
     return worst

@@ -1,4 +1,6 @@
-"""Stage generate: experts perform the synthetic motions, 120 x 10 s of walking and 20 x 10 s of reaching, recorded clean."""
+"""Stage generate: experts perform the synthetic motions, 120 x 10 s of walking and 20 x 10 s of
+reaching, recorded clean.
+"""
 
 from __future__ import annotations
 
@@ -43,9 +45,9 @@ class GenerateConfig:
     Attributes:
         walk_clips: number of walking clips (paper: 120).
         reach_clips: number of reaching clips (paper: 20).
-        reach_weight: how often a moment of reaching is sampled for one of walking. By duration alone one latent in seven
-            would be left for reaching, at 4 it is two in five, at 9 three in five; a low level ends up showing it
-            a third as often as its clips do.
+        reach_weight: how often a moment of reaching is sampled for one of walking. By duration
+            alone one latent in seven would be left for reaching, at 4 it is two in five, at 9 three
+            in five; a low level ends up showing it a third as often as its clips do.
         seconds: length of a clip.
         settle: seconds from the start of a clip that do not count in the tracking errors.
     """
@@ -77,7 +79,9 @@ def gpu() -> GenerateConfig:
 
 
 def paper() -> GenerateConfig:
-    """The paper's clips from experts with the budgets of its Solo12 experts: 2000 and 7000 iterations (facts 3)."""
+    """The paper's clips from experts with the budgets of its Solo12 experts: 2000 and 7000
+    iterations (facts 3).
+    """
     return GenerateConfig(wide(ExpertConfig(), 2000), wide(reach_expert(), 7000))
 
 
@@ -92,7 +96,8 @@ PRESETS: dict[str, Callable[[], GenerateConfig]] = {
 def run(
     config: GenerateConfig, context: StageContext, *, robot: str = "solo12", retrain: bool = False
 ) -> StageResult:
-    """Record clips of both experts; train the experts first when the run has none for this robot, or if asked to.
+    """Record clips of both experts; train the experts first when the run has none for this robot,
+    or if asked to.
 
     Raises:
         RobotError: unknown robot.
@@ -141,7 +146,9 @@ def _experts(config: GenerateConfig, context: StageContext, spec: RobotSpec, ret
 
 
 def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec) -> Path:
-    """Train the walking and the reaching expert and write both into one artifact of the stage ``experts``."""
+    """Train the walking and the reaching expert and write both into one artifact of the stage
+    ``experts``.
+    """
     directory = context.store.begin(context.run, "experts", resume=context.resume)
     policies, metrics = [], {}
     for task, expert in (("walk", config.walk), ("reach_in_place", config.reach)):
@@ -172,10 +179,12 @@ def record(
     config: GenerateConfig,
     context: StageContext,
 ) -> tuple[list[Clip], dict[str, float]]:
-    """Record ``count`` clips of one expert, deterministic, without noise or pushes, each in its own world.
+    """Record ``count`` clips of one expert, deterministic, without noise or pushes, each in its own
+    world.
 
-    Every clip begins with the robot standing still: nothing else shows how one begins to walk or to lift a foot.
-    More worlds than clips are run, and only those that never fell are kept, so no clip contains a reset.
+    Every clip begins with the robot standing still: nothing else shows how one begins to walk or to
+    lift a foot. More worlds than clips are run, and only those that never fell are kept, so no clip
+    contains a reset.
 
     Raises:
         StageError: fewer than ``count`` worlds stayed up.
@@ -203,7 +212,8 @@ def record(
     skill = SKILLS[task_name]
     if len(kept) < count:
         raise StageError(
-            f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} recordings; train it longer"
+            f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} "
+            "recordings; train it longer"
         )
     settled = torch.cat(settled)
     figures = {
@@ -222,7 +232,9 @@ def record(
 
 
 def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
-    """(N,) planar velocity error [m/s] of a walking task, end-effector error [m] of a reaching one, for ``command`` (N, 3)."""
+    """(N,) planar velocity error [m/s] of a walking task, end-effector error [m] of a reaching one,
+    for ``command`` (N, 3).
+    """
     reached = env.state.lin_vel_b[:, :2] if env.task.name == "walk" else env.end_effector()
     return torch.linalg.vector_norm(reached - command[:, : reached.shape[1]], dim=-1)
 

@@ -1,4 +1,5 @@
-"""``lacoloco bench gpu``: parity first, then the figures of one table, then trainings for as long as there is time.
+"""``lacoloco bench gpu``: parity first, then the figures of one table, then trainings for as long
+as there is time.
 
 What is known is on disk after every row, so a run that is cut short has yielded all it had.
 """
@@ -59,7 +60,9 @@ class GpuBenchConfig:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: what is measured, and the rates [control steps/s] that it must and should reach."""
+    """One line of the table: what is measured, and the rates [control steps/s] that it must and
+    should reach.
+    """
 
     name: str
     measure: Callable[[], dict[str, Any]]
@@ -75,10 +78,12 @@ def bench_gpu(
     Args:
         config: how much.
         context: device; the run's folder takes ``figures.json``, runs named after it the trainings.
-        out: a folder that takes copies, flat, of the figures, the policies and the checkpoint of what was cut short.
+        out: a folder that takes copies, flat, of the figures, the policies and the checkpoint of
+            what was cut short.
 
     Returns:
-        What ``figures.json`` holds: machine, commit, command, ``parity``, ``rows`` and ``trainings``.
+        What ``figures.json`` holds: machine, commit, command, ``parity``, ``rows`` and
+        ``trainings``.
 
     Raises:
         StageError: the engines disagree, or the device has none.
@@ -218,7 +223,9 @@ def _keep_checkpoints(context: StageContext, label: str, report: Report) -> None
 
 @contextmanager
 def interrupted_after(seconds: float) -> Iterator[None]:
-    """Interrupt the body as Ctrl-C would, once ``seconds`` have passed: a training then writes its checkpoint."""
+    """Interrupt the body as Ctrl-C would, once ``seconds`` have passed: a training then writes its
+    checkpoint.
+    """
 
     def interrupt(number: int, frame: object) -> None:
         if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background jobs

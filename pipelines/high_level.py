@@ -73,7 +73,8 @@ class HighTrainer:
         self.algorithm.warm_up(self._random_observations())
 
     def warm_start(self) -> float:
-        """Begin with a policy that chooses latents by where they led before; returns the cosine to those.
+        """Begin with a policy that chooses latents by where they led before; returns the cosine to
+        those.
 
         Every process has its own worlds, but the first one's policy counts.
         """
@@ -147,7 +148,9 @@ class HighTrainer:
         return figures | means | {"contact_violation": violation, "std": std, "episodes": ended}
 
     def policy(self) -> Policy:
-        """The trained actor, deterministic; its output is projected to the sphere by whoever uses it."""
+        """The trained actor, deterministic; its output is projected to the sphere by whoever uses
+        it.
+        """
         return Policy(self.head, self.algorithm.actor.eval())
 
     def state_dict(self) -> dict[str, Any]:

@@ -9,7 +9,9 @@ from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 
 PRICE = 4.0
-"""Ten from the start on made four fifths of the violations go, and learning two thirds slower: 39 instead of 15 cm after 0.9 M decisions."""
+"""Ten from the start on made four fifths of the violations go, and learning two thirds slower: 39
+instead of 15 cm after 0.9 M decisions.
+"""
 
 
 @dataclass(frozen=True)
@@ -19,28 +21,38 @@ class TrainHighConfig:
     Attributes:
         worlds: parallel worlds.
         decisions: high-level samples in all; each takes five control steps.
-        std: exploration std of the unnormalised latent at the start and at the end; bold spells keep that of the start.
-        settle: what the KL target falls to, as a share of itself, and the shares of the training between which it does.
+        std: exploration std of the unnormalised latent at the start and at the end; bold spells
+            keep that of the start.
+        settle: what the KL target falls to, as a share of itself, and the shares of the training
+            between which it does.
         hindsight: what it begins with: random latents and where they led.
         head_start: share of the training in which the critic learns alone.
         reward_scale: factor on the task's reward.
-        approach: weight of exp(-d / 0.3 m) in the task's reward, beside 1 for exp(-10 d). Over skills that hardly ever stop, whoever
-            goes passes by, which the reward for progress takes back: without this they learn to stand.
-        fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little far from the target,
-            where most falls happen: in the first two seconds, while turning towards it.
-        force_price: taken from the scaled reward per share of the foot-substeps above the limit on the contact force; None for
-            ``PRICE`` over a low level that was constrained and nothing over another. Nine tenths of the violations that
-            a constrained low level is left with are made by going faster than half a metre per second.
+        approach: weight of exp(-d / 0.3 m) in the task's reward, beside 1 for exp(-10 d). Over
+            skills that hardly ever stop, whoever goes passes by, which the reward for progress
+            takes back: without this they learn to stand.
+        fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little
+            far from the target, where most falls happen: in the first two seconds, while turning
+            towards it.
+        force_price: taken from the scaled reward per share of the foot-substeps above the limit on
+            the contact force; None for ``PRICE`` over a low level that was constrained and nothing
+            over another. Nine tenths of the violations that a constrained low level is left with
+            are made by going faster than half a metre per second.
         price_ramp: shares of the training between which that price rises from nothing.
-        fall_tilt: tilt of the base that is a fall already [rad]; in evaluation a fall is what touches the ground.
-        near: share of the training's targets that lie nearer than the task's; the way there takes most of an episode, and
-            only what is left of it teaches how to touch.
-        clean: share of the worlds without observation noise. Under noise nothing ever stands quite still; without it, as in
-            evaluation, a policy that answers standing with a latent that stands is caught for good.
-        randomisation: factor on the spread of masses, centres of mass, friction and pushes; evaluation is at 1.
-        second_chances: share of falls after which the world is put back to shortly before, again and again, and of misses
-            after which it is put back to where the episode began, with the same target.
-        rematch_from: share of the training from which on that holds for misses; before it nearly everybody misses.
+        fall_tilt: tilt of the base that is a fall already [rad]; in evaluation a fall is what
+            touches the ground.
+        near: share of the training's targets that lie nearer than the task's; the way there takes
+            most of an episode, and only what is left of it teaches how to touch.
+        clean: share of the worlds without observation noise. Under noise nothing ever stands quite
+            still; without it, as in evaluation, a policy that answers standing with a latent that
+            stands is caught for good.
+        randomisation: factor on the spread of masses, centres of mass, friction and pushes;
+            evaluation is at 1.
+        second_chances: share of falls after which the world is put back to shortly before, again
+            and again, and of misses after which it is put back to where the episode began, with the
+            same target.
+        rematch_from: share of the training from which on that holds for misses; before it nearly
+            everybody misses.
     """
 
     worlds: int = 512

@@ -1,8 +1,10 @@
-"""What a high level begins with: where latents took the end effector, told as if that had been the target.
+"""What a high level begins with: where latents took the end effector, told as if that had been the
+target.
 
-Before anything is rewarded, random latents are held for a while each. Whatever the end effector came to is a target that
-this latent serves, from the state in which it was taken up (hindsight relabelling, Andrychowicz et al. 2017; cloned as in
-Ghosh et al. 2021). A policy fitted to that points the right way from the first decision on; PPO starts from there.
+Before anything is rewarded, random latents are held for a while each. Whatever the end effector
+came to is a target that this latent serves, from the state in which it was taken up (hindsight
+relabelling, Andrychowicz et al. 2017; cloned as in Ghosh et al. 2021). A policy fitted to that
+points the right way from the first decision on; PPO starts from there.
 """
 
 from __future__ import annotations
@@ -20,9 +22,13 @@ from lacoloco.pipelines.sim.hierarchy import LatentSteeredEnv
 from lacoloco.pipelines.worlds import put, select
 
 STRIDE = 0.15
-"""Metres that the end effector must have moved over ground for a latent to count as one that goes somewhere."""
+"""Metres that the end effector must have moved over ground for a latent to count as one that goes
+somewhere.
+"""
 TAKEN_UP = 3
-"""Decisions after a change of latent whose states count: later ones already show what the latent does."""
+"""Decisions after a change of latent whose states count: later ones already show what the latent
+does.
+"""
 NORM_WEIGHT = 0.1
 
 
@@ -33,7 +39,8 @@ class HindsightConfig:
     Attributes:
         decisions: random decisions per world; 0 begins with a random network.
         hold: fewest and most decisions for which a latent is held.
-        farthest: a latent that walks serves targets up to so far in the direction in which it went [m].
+        farthest: a latent that walks serves targets up to so far in the direction in which it went
+            [m].
         steps: gradient steps.
         batch: examples per step.
     """
@@ -102,10 +109,12 @@ def relabel(
     count: int,
     draw: torch.Generator,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Draw examples: (count, 3) targets in the base frame, (count,) rows of the flattened memory, (count,) weights.
+    """Draw examples: (count, 3) targets in the base frame, (count,) rows of the flattened memory,
+    (count,) weights.
 
-    A latent that lifted the foot into the targets' heights serves just the point it came to; one that went somewhere serves
-    all points in that direction, of any height, and the more so the faster it went; others serve nothing.
+    A latent that lifted the foot into the targets' heights serves just the point it came to; one
+    that went somewhere serves all points in that direction, of any height, and the more so the
+    faster it went; others serve nothing.
     """
     steps, worlds = memory.until.shape
     rows = memory.taken_up[
@@ -142,10 +151,11 @@ def clone_hindsight(
     draw: torch.Generator,
     learning_rate: float = 1e-3,
 ) -> float:
-    """Fit the direction of the actor's mean to the latents that served; returns the mean cosine at the end.
+    """Fit the direction of the actor's mean to the latents that served; returns the mean cosine at
+    the end.
 
-    ``columns`` says where an observation holds ``target`` and ``last_latent``. The last latent is drawn anew: it must not
-    matter yet.
+    ``columns`` says where an observation holds ``target`` and ``last_latent``. The last latent is
+    drawn anew: it must not matter yet.
     """
     obs, latent = memory.obs.flatten(0, 1), memory.latent.flatten(0, 1)
     optimizer = torch.optim.Adam(actor.mlp.parameters(), lr=learning_rate, fused=True)
@@ -183,7 +193,9 @@ def _fresh(ends: torch.Tensor) -> torch.Tensor:
 
 
 def _until(ends: torch.Tensor) -> torch.Tensor:
-    """(T, N) for each decision the first one from it on at which ``ends`` (T, N) is true, or the last of all."""
+    """(T, N) for each decision the first one from it on at which ``ends`` (T, N) is true, or the
+    last of all.
+    """
     last = len(ends) - 1
     until = torch.full(ends.shape, last, device=ends.device)
     for step in range(last - 1, -1, -1):

@@ -1,7 +1,9 @@
-"""Work in jobs of its own, on this machine or on a cluster: as many at a time as wanted, and none stops the others.
+"""Work in jobs of its own, on this machine or on a cluster: as many at a time as wanted, and none
+stops the others.
 
-On `submitit <https://github.com/facebookincubator/submitit>`_, an optional dependency. The pickles by which it hands over
-a call are deleted with the job's end; its output stays. What a job did is seen in what it left.
+On `submitit <https://github.com/facebookincubator/submitit>`_, an optional dependency. The pickles
+by which it hands over a call are deleted with the job's end; its output stays. What a job did is
+seen in what it left.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ from lacoloco.pipelines.machine import cores
 
 EXECUTORS = ("local", "slurm")
 TIMEOUT_MIN = 24 * 60
-"""Minutes after which a job is ended; ``--slurm time=MINUTES`` gives others. A training then goes on when asked again."""
+"""Minutes after which a job is ended; ``--slurm time=MINUTES`` gives others. A training then goes
+on when asked again.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,8 @@ def make_executor(kind: str, folder: Path, options: Mapping[str, Any] | None = N
         options: parameters of Slurm, e.g. ``{"partition": "gpu", "gpus_per_node": "1"}``.
 
     Raises:
-        StageError: an unknown kind, submitit or Slurm is missing, or an option means nothing to submitit.
+        StageError: an unknown kind, submitit or Slurm is missing, or an option means nothing to
+            submitit.
     """
     if kind not in EXECUTORS:
         raise StageError(f"--executor {kind}: use {' or '.join(EXECUTORS)}")
@@ -79,7 +84,8 @@ def run_jobs(
 ) -> Iterator[Ended]:
     """Call ``work(*arguments)`` once per job, and tell how each ended as soon as it has.
 
-    Jobs on this machine share its cores out: two that use all of them take longer together than one after the other.
+    Jobs on this machine share its cores out: two that use all of them take longer together than one
+    after the other.
 
     Args:
         executor: from :func:`make_executor`.
@@ -112,7 +118,8 @@ def run_jobs(
                     _forget(job)
                     yield ended
     finally:
-        # Whoever stops this by Ctrl-C wants an end of it; what the jobs did so far is in their checkpoints.
+        # Whoever stops this by Ctrl-C wants an end of it; what the jobs did so far is in their
+        # checkpoints.
         for _, job in running.values():
             job.cancel()
             _forget(job)
@@ -120,7 +127,9 @@ def run_jobs(
 
 @contextmanager
 def _share_of_cores(jobs: int) -> Iterator[None]:
-    """Processes started in here take one of ``jobs`` equal parts of the cores, unless the user has said how many."""
+    """Processes started in here take one of ``jobs`` equal parts of the cores, unless the user has
+    said how many.
+    """
     told = os.environ.get("OMP_NUM_THREADS")
     if told is None and jobs > 1:
         os.environ["OMP_NUM_THREADS"] = str(max(1, cores() // jobs))

@@ -93,7 +93,8 @@ class LowTrainer:
         return max(1, round(self.config.samples / self.samples_per_iteration))
 
     def warm_start(self) -> dict[str, float]:
-        """Begin with a policy whose latents reproduce the clips, and an encoder that reads them off the clips.
+        """Begin with a policy whose latents reproduce the clips, and an encoder that reads them off
+        the clips.
 
         Returns:
             The error of the cloned actions (raw units, rms) and the encoder's mean cosine.
@@ -121,7 +122,9 @@ class LowTrainer:
         }
 
     def demonstrations(self, count: int) -> torch.Tensor:
-        """(count, 2F) clean style transitions of the clips, older frame first, like the agent's (facts 9.2, B1)."""
+        """(count, 2F) clean style transitions of the clips, older frame first, like the agent's
+        (facts 9.2, B1).
+        """
         before, after = self.motions.sample_transitions(count, CONTROL_DT, generator=self.draw)
         return torch.cat(
             [style_frame(RobotState.from_motion(frames)) for frames in (before, after)], dim=-1
@@ -200,7 +203,9 @@ class LowTrainer:
         return self.clips.rows(*self.motions.sample(count, generator=self.draw, margin=CONTROL_DT))
 
     def _cloned(self, count: int) -> torch.Tensor:
-        """(count,) rows at which the windows to be cloned start: some at the beginning of a clip, the others anywhere."""
+        """(count,) rows at which the windows to be cloned start: some at the beginning of a clip,
+        the others anywhere.
+        """
         clips, times = self.motions.sample(count, generator=self.draw, margin=CONTROL_DT)
         times[: round(self.config.beginnings * count)] = 0.0
         return self.clips.rows(clips, times)
@@ -220,8 +225,9 @@ class LowTrainer:
         """What is known at the end only.
 
         Returns:
-            Falls in the last hundredth of the samples; the clips' mean planar speed [m/s], to compare with ``speed``; worlds
-            that diverged; after how many samples the chosen policy was seen, and its coverage.
+            Falls in the last hundredth of the samples; the clips' mean planar speed [m/s], to
+            compare with ``speed``; worlds that diverged; after how many samples the chosen policy
+            was seen, and its coverage.
         """
         last = max(1, len(self.recent_falls) // 100)
         frames = self.demonstrations(16384)[:, : self.algorithm.transitions.shape[-1] // 2]
@@ -269,7 +275,8 @@ class LowTrainer:
         )
 
     def _first_observations(self) -> TensorDict:
-        # With actions: columns of the last action that never moved would be scaled up a hundredfold.
+        # With actions: columns of the last action that never moved would be scaled up a
+        # hundredfold.
         seen = []
         for _ in range(8):
             self.env.reset(

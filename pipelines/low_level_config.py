@@ -19,32 +19,44 @@ class TrainLowConfig:
         cat: constrain the foot forces (Constraints as Terminations).
         cat_ramp: shares of the training between which the constraint rises to full strength.
         clip_share: share of resets that start inside a clip.
-        episode_s: seconds until a time-out. Far shorter than the original's 10 s: a policy that cannot walk yet leaves a
-            clip's motion within tenths of a second, and only just after a reset can it learn to stay in it longer.
-        rehearsal: share of the worlds that live as they will under a high level: ``low_level.REHEARSAL_S`` from a standing start, with
-            latents that wander, slowly in some worlds and fast in others.
-        rehearsal_from: share of the training after which they do. A beginner that falls at every change learns to stand.
-        randomisation: factor on the spread of masses, centres of mass and friction; evaluation is at 1.
+        episode_s: seconds until a time-out. Far shorter than the original's 10 s: a policy that
+            cannot walk yet leaves a clip's motion within tenths of a second, and only just after a
+            reset can it learn to stay in it longer.
+        rehearsal: share of the worlds that live as they will under a high level:
+            ``low_level.REHEARSAL_S`` from a standing start, with latents that wander, slowly in
+            some worlds and fast in others.
+        rehearsal_from: share of the training after which they do. A beginner that falls at every
+            change learns to stand.
+        randomisation: factor on the spread of masses, centres of mass and friction; evaluation is
+            at 1.
         fall_tilt: tilt of the base that is a fall already [rad].
-        second_chances: share of falls after which the world is put back to shortly before, again and again.
-        push: how hard the robot is pushed, where it is at all [m/s, rad/s]; evaluation pushes with 0.25.
+        second_chances: share of falls after which the world is put back to shortly before, again
+            and again.
+        push: how hard the robot is pushed, where it is at all [m/s, rad/s]; evaluation pushes with
+            0.25.
         push_every_s: seconds between two pushes.
-        std: exploration std at the start and at the end, in raw action units (x action scale = rad).
+        std: exploration std at the start and at the end, in raw action units (x action scale =
+            rad).
         std_between: shares of the training between which it falls from the first to the second.
-        settle: what the KL target falls to, as a share of itself, and the shares of the training between which it does. At full
-            stride the skills go round in circles: 94 % of the latents walk, half a million samples later 27 %.
-        warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before everything else; 0 begins
-            with a random network and meaningless latents, as the paper does.
-        beginnings: share of the cloned windows that start where a clip begins. Everything a high level does begins standing, and
-            one moment in five hundred of a clip is too little to learn from.
-        head_start: share of the training in which critic, discriminator and encoder learn alone. What was cloned is precise to
-            a fraction of the exploration std, and the first advantages of an untrained critic would undo it.
+        settle: what the KL target falls to, as a share of itself, and the shares of the training
+            between which it does. At full stride the skills go round in circles: 94 % of the
+            latents walk, half a million samples later 27 %.
+        warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before
+            everything else; 0 begins with a random network and meaningless latents, as the paper
+            does.
+        beginnings: share of the cloned windows that start where a clip begins. Everything a high
+            level does begins standing, and one moment in five hundred of a clip is too little to
+            learn from.
+        head_start: share of the training in which critic, discriminator and encoder learn alone.
+            What was cloned is precise to a fraction of the exploration std, and the first
+            advantages of an untrained critic would undo it.
         windows: what a latent describes while the clips are cloned.
         skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
-        coverage_every: samples between two measurements of the deterministic skill coverage (0: only at the end).
+        coverage_every: samples between two measurements of the deterministic skill coverage (0:
+            only at the end).
         coverage_latents: latents held in each of them.
-        choose_from: share of the training after which every policy measured may be the one that is kept (``selection.py``);
-            the constraint should be in force by then.
+        choose_from: share of the training after which every policy measured may be the one that is
+            kept (``selection.py``); the constraint should be in force by then.
     """
 
     worlds: int = 512

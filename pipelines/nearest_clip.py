@@ -11,12 +11,16 @@ from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 
 MOMENTS = 512
-"""Moments of each skill that motion is compared with; as many of each, so that no skill wins by its length."""
+"""Moments of each skill that motion is compared with; as many of each, so that no skill wins by its
+length.
+"""
 CHUNK = 8192
 
 
 class NearestClip:
-    """Distances to the clips of each skill, in style frames scaled by how much the clips vary in each number."""
+    """Distances to the clips of each skill, in style frames scaled by how much the clips vary in
+    each number.
+    """
 
     def __init__(self, clips: Sequence[Clip], *, seed: int = 0) -> None:
         """Draw moments of every skill that the clips have, by duration."""
@@ -34,7 +38,8 @@ class NearestClip:
     def distances(self, frames: torch.Tensor) -> torch.Tensor:
         """(n, 10 + 2J) style frames -> (n, skills) distance to the nearest moment of each skill.
 
-        It is the root mean square over the frame's numbers, each in units of its standard deviation over the clips.
+        It is the root mean square over the frame's numbers, each in units of its standard deviation
+        over the clips.
         """
         parts = []
         for chunk in self._scaled(frames).split(CHUNK):
@@ -43,5 +48,6 @@ class NearestClip:
         return torch.cat(parts) / frames.shape[-1] ** 0.5
 
     def _scaled(self, frames: torch.Tensor) -> torch.Tensor:
-        # Around zero: the distances are computed from products, which cancel where all numbers are far from it.
+        # Around zero: the distances are computed from products, which cancel where all numbers are
+        # far from it.
         return (frames - self._middle) / self._scale

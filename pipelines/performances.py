@@ -1,4 +1,6 @@
-"""A tracker's performances: which clips it is to follow from where, and what of that is worth keeping."""
+"""A tracker's performances: which clips it is to follow from where, and what of that is worth
+keeping.
+"""
 
 from __future__ import annotations
 
@@ -26,18 +28,21 @@ class RecordingConfig:
     """What is recorded of a tracker.
 
     Attributes:
-        copies: how often every clip is followed from its beginning, each time by another robot: own friction and masses.
-        starts: further pieces that begin with a robot that stands in the default pose while its clip moves: clips rarely show
-            how one begins, and a policy that has never seen it does not.
+        copies: how often every clip is followed from its beginning, each time by another robot: own
+            friction and masses.
+        starts: further pieces that begin with a robot that stands in the default pose while its
+            clip moves: clips rarely show how one begins, and a policy that has never seen it does
+            not.
         start_s: length of those [s].
         stops: further pieces in which a moving robot stops, at any moment of its clip.
         stop_after_s: between how many seconds of its clip come before it stops.
         stand_s: seconds from then on.
-        settle_s: seconds after being put into a clip's state that are not recorded: its feet are not in the floor yet.
+        settle_s: seconds after being put into a clip's state that are not recorded: its feet are
+            not in the floor yet.
         before_loss_s: seconds before the robot lost its clip that are not recorded either.
         shortest_s: pieces shorter than this are left out.
-        rest_s: of every stillness so much is kept at its beginning and at its end; animals rest most of the time, and a
-            policy that has seen little else stands [s].
+        rest_s: of every stillness so much is kept at its beginning and at its end; animals rest
+            most of the time, and a policy that has seen little else stands [s].
     """
 
     copies: int = 3
@@ -70,7 +75,8 @@ class Journey:
 
 
 def plan(shadow: Shadow, config: RecordingConfig, *, seed: int) -> Journey:
-    """Every clip but the last from beginning to end, ``copies`` times, ``starts`` that begin standing where a clip moves, ``stops``.
+    """Every clip but the last from beginning to end, ``copies`` times, ``starts`` that begin
+    standing where a clip moves, ``stops``.
 
     ``seed`` decides which of the possible starts and stops are taken.
     """
@@ -104,7 +110,9 @@ def plan(shadow: Shadow, config: RecordingConfig, *, seed: int) -> Journey:
 def _ends(
     moving: torch.Tensor, ahead: torch.Tensor, config: RecordingConfig, seed: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """(K,) of the rows ``moving``, none where there are none, and (K,) the steps after which to stop: before the clip ends."""
+    """(K,) of the rows ``moving``, none where there are none, and (K,) the steps after which to
+    stop: before the clip ends.
+    """
     draw = torch.Generator().manual_seed(seed)
     count = config.stops if len(moving) else 0
     rows = moving[torch.randint(max(1, len(moving)), (count,), generator=draw).to(moving.device)]
@@ -118,11 +126,12 @@ def _ends(
 def _beginnings(
     states: ClipStates, moving: torch.Tensor, default: torch.Tensor, count: int, seed: int
 ) -> torch.Tensor:
-    """(count,) of the rows ``moving``, or none where there are too few: alike in pose, and in which legs swing.
+    """(count,) of the rows ``moving``, or none where there are too few: alike in pose, and in which
+    legs swing.
 
-    From a standstill a gait can begin in any phase; who has seen all of them begins in their mean, which is to stand. So those
-    are taken that swing in one sense of the main component of the joint velocities, and of these the quarter that is nearest
-    to the default pose.
+    From a standstill a gait can begin in any phase; who has seen all of them begins in their mean,
+    which is to stand. So those are taken that swing in one sense of the main component of the joint
+    velocities, and of these the quarter that is nearest to the default pose.
     """
     if len(moving) < 8:
         return moving[:0]
@@ -138,7 +147,9 @@ def _beginnings(
 
 
 def worlds(clips: Sequence[Clip], config: RecordingConfig) -> int:
-    """How many worlds a recording of ``clips``, the last of which is nothing but standing, takes."""
+    """How many worlds a recording of ``clips``, the last of which is nothing but standing,
+    takes.
+    """
     return (len(clips) - 1) * config.copies + config.starts + config.stops
 
 
@@ -155,8 +166,8 @@ def record(
         seed: which beginnings are taken.
 
     Returns:
-        The pieces, and the share of the time that they hold, how often a clip was lost, the mean reward, and the clips' and the
-        pieces' mean planar speed [m/s].
+        The pieces, and the share of the time that they hold, how often a clip was lost, the mean
+        reward, and the clips' and the pieces' mean planar speed [m/s].
 
     Raises:
         StageError: no piece is long enough.
@@ -187,9 +198,11 @@ def record(
 def _follow(
     shadow: Shadow, journey: Journey, policy: Policy
 ) -> tuple[dict[str, np.ndarray], torch.Tensor, torch.Tensor]:
-    """Series (W, T + 1, ...) of the robots' states; (W, T) bool where they lost their clip, and rewards.
+    """Series (W, T + 1, ...) of the robots' states; (W, T) bool where they lost their clip, and
+    rewards.
 
-    Where a robot lost it is where it goes on, in the clip's own state. Worlds that the plan has no use for idle in the first one.
+    Where a robot lost it is where it goes on, in the clip's own state. Worlds that the plan has no
+    use for idle in the first one.
     """
     idle = shadow.env.num_worlds - len(journey.rows)
     rows = torch.cat((journey.rows, journey.rows[:1].expand(idle)))
@@ -221,7 +234,9 @@ def _follow(
 def pieces_of(
     lost: torch.Tensor, standing: bool, config: RecordingConfig
 ) -> Iterator[tuple[int, int]]:
-    """[start, stop) of the frames of one world that are worth keeping, from where it ``lost`` (T,) its clip."""
+    """[start, stop) of the frames of one world that are worth keeping, from where it ``lost`` (T,)
+    its clip.
+    """
     settle, before, shortest = (
         round(seconds / CONTROL_DT)
         for seconds in (config.settle_s, config.before_loss_s, config.shortest_s)
@@ -237,7 +252,9 @@ def pieces_of(
 def without_rest(
     resting: np.ndarray, span: tuple[int, int], config: RecordingConfig
 ) -> Iterator[tuple[int, int]]:
-    """What is left of frames [start, stop) when the middle of every stillness, ``resting`` (T,) bool, is cut out."""
+    """What is left of frames [start, stop) when the middle of every stillness, ``resting`` (T,)
+    bool, is cut out.
+    """
     start, stop = span
     keep, shortest = round(config.rest_s / CONTROL_DT), round(config.shortest_s / CONTROL_DT)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], resting[start:stop].astype(int), [0]))))

@@ -38,9 +38,9 @@ class PlaybackConfig:
             share.
         episodes: Episodes of a policy.
         seconds: Length of an episode.
-        latents: What steers the low level. "": the high level; where there is none, latents drawn from the stage's
-            seed, one per episode. "random": latents that change at random, as in training. A number: latents drawn
-            from this seed, one per episode.
+        latents: What steers the low level. "": the high level; where there is none, latents drawn
+            from the stage's seed, one per episode. "random": latents that change at random, as in
+            training. A number: latents drawn from this seed, one per episode.
     """
 
     clips: int = 8
@@ -203,7 +203,9 @@ def low_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Reco
 
 
 def _name(policy: Path) -> str:
-    """`run/stage/version`, or the name of a file that lies elsewhere, such as what comes with lacoloco."""
+    """`run/stage/version`, or the name of a file that lies elsewhere, such as what comes with
+    lacoloco.
+    """
     return "/".join(policy.parts[-4:-1]) if policy.name == ARTIFACT else policy.stem
 
 

@@ -1,4 +1,6 @@
-"""Trained networks as artifacts: what was learned, and what it needs to be fed and how to be used."""
+"""Trained networks as artifacts: what was learned, and what it needs to be fed and how to be
+used.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ class Head:
 
 @dataclass(frozen=True)
 class Policy:
-    """A head with its weights; call it with one tensor per observation group to get deterministic actions."""
+    """A head with its weights; call it with one tensor per observation group to get deterministic
+    actions.
+    """
 
     head: Head
     actor: MLPModel
@@ -65,7 +69,9 @@ def save_policies(
     metrics: dict[str, Any],
     metadata: dict[str, Any] | None = None,
 ) -> Path:
-    """Write policies of one robot into one artifact, by role; a high level carries its low level with it."""
+    """Write policies of one robot into one artifact, by role; a high level carries its low level
+    with it.
+    """
     state = {policy.head.role: policy.actor.state_dict() for policy in policies}
     arrays, structure = flatten_state(state)
     heads = {policy.head.role: asdict(policy.head) for policy in policies}

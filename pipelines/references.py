@@ -12,8 +12,9 @@ from lacoloco.robots.spec import RobotSpec
 AHEAD = (1, 3, 8)
 """Control steps into the future that the tracker sees: 0.02, 0.06 and 0.16 s."""
 LOST_JOINTS, LOST_HEIGHT, LOST_TILT = 0.5, 0.08, 0.6
-"""Beyond an rms joint error of so many rad, so many metres of height, or so long a difference of the unit vectors of
-gravity, the robot does something else than the clip."""
+"""Beyond an rms joint error of so many rad, so many metres of height, or so long a difference of
+the unit vectors of gravity, the robot does something else than the clip.
+"""
 TERMS = {
     "base_height": (0.1, 400.0),
     "projected_gravity": (0.1, 20.0),
@@ -22,11 +23,15 @@ TERMS = {
     "joint_pos": (0.3, 3.0),
     "joint_vel": (0.1, 0.01),
 }
-"""Term of the style frame -> its weight w and how sharp it is: the reward is the sum of w exp(-sharpness |error|^2)."""
+"""Term of the style frame -> its weight w and how sharp it is: the reward is the sum of w
+exp(-sharpness |error|^2).
+"""
 
 
 class References:
-    """The clips by row: their states, style frames and actions. The last clip is the robot standing (``repertoire.py``)."""
+    """The clips by row: their states, style frames and actions. The last clip is the robot standing
+    (``repertoire.py``).
+    """
 
     def __init__(self, spec: RobotSpec, library: MotionLibrary) -> None:
         """Line up the clips and infer their actions, (M, J) raw units, which takes a while."""
@@ -48,14 +53,18 @@ class References:
         return len(AHEAD) * self.frames.shape[1]
 
     def ahead(self, rows: torch.Tensor) -> torch.Tensor:
-        """(N, width) style frames ``AHEAD`` of the moments ``rows`` (N,), the clip's last one beyond its end."""
+        """(N, width) style frames ``AHEAD`` of the moments ``rows`` (N,), the clip's last one
+        beyond its end.
+        """
         last = self.states.last[rows]
         return torch.cat(
             [self.frames[torch.minimum(rows + steps, last)] for steps in AHEAD], dim=-1
         )
 
     def compare(self, state: RobotState, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(N,) reward in [0, 1] for being as the clips are at ``rows`` (N,), and (N,) bool whether that is hopeless."""
+        """(N,) reward in [0, 1] for being as the clips are at ``rows`` (N,), and (N,) bool whether
+        that is hopeless.
+        """
         errors = (style_frame(state) - self.frames[rows]).split(
             [term.size for term in self._terms], dim=-1
         )

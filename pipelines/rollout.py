@@ -28,7 +28,8 @@ class ReachRecording:
         end_effector: (E, T, 3) world [m].
         contact: (E, T, F) bool, feet on the ground.
         steering: (E, T, d) unit latent in force.
-        low_obs: (T E, P) low-level observations, step by step, with ``latent`` (T E, d) the latents beside them.
+        low_obs: (T E, P) low-level observations, step by step, with ``latent`` (T E, d) the latents
+            beside them.
         high_obs: (T E / 5, H) high-level observations, decision by decision.
         fell: (E,) bool.
     """
@@ -48,7 +49,9 @@ class ReachRecording:
 
 @dataclass(frozen=True)
 class LowRecording:
-    """T control steps of each of E episodes of a low level alone; fields as in :class:`ReachRecording`."""
+    """T control steps of each of E episodes of a low level alone; fields as in
+    :class:`ReachRecording`.
+    """
 
     qpos: np.ndarray
     contact: np.ndarray
@@ -61,9 +64,11 @@ class LowRecording:
 def record_low(
     policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0, changing: bool = False
 ) -> LowRecording:
-    """Play a low level from a standing start, without noise, pushes or randomisation, steered by latents drawn from ``seed``.
+    """Play a low level from a standing start, without noise, pushes or randomisation, steered by
+    latents drawn from ``seed``.
 
-    Each episode holds one latent to its end; ``changing`` ones are drawn anew after random times, as in training.
+    Each episode holds one latent to its end; ``changing`` ones are drawn anew after random times,
+    as in training.
 
     Raises:
         ArtifactError: ``policy`` is missing, damaged, or holds no low level.
@@ -100,7 +105,8 @@ def record_low(
 def record_reach(
     policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0
 ) -> ReachRecording:
-    """Play a high-level artifact's policies without noise, pushes or randomisation, motors as strong as they are.
+    """Play a high-level artifact's policies without noise, pushes or randomisation, motors as
+    strong as they are.
 
     Raises:
         ArtifactError: ``policy`` is missing, damaged, or holds no high level.

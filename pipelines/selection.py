@@ -1,8 +1,9 @@
-"""Which of the policies that a low-level training passes through is kept: the one that steers best, not the last.
+"""Which of the policies that a low-level training passes through is kept: the one that steers best,
+not the last.
 
-The skills drift while the discriminator is satisfied: within half a million samples the latents that reach may fall from
-25 to 12 %, and those that fall rise from 0 to 7 %. So the policy is examined now and then, as in an early stopping, by
-what a high level will ask of it.
+The skills drift while the discriminator is satisfied: within half a million samples the latents
+that reach may fall from 25 to 12 %, and those that fall rise from 0 to 7 %. So the policy is
+examined now and then, as in an early stopping, by what a high level will ask of it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from lacoloco.pipelines.steadiness import steadiness
 from lacoloco.robots.spec import RobotSpec
 
 FALLS_WEIGHT = 4.0
-"""What a fall counts against a latent that shows another skill than the clips would: it ends an episode."""
+"""What a fall counts against a latent that shows another skill than the clips would: it ends an
+episode.
+"""
 SKILLS = ("walk", "reach", "stand", "fall")
 
 
@@ -31,7 +34,9 @@ class Selection:
     def __init__(
         self, spec: RobotSpec, motions: MotionLibrary, head: Head, *, latents: int, seed: int
     ) -> None:
-        """Examine with ``latents`` held latents, and as many episodes; no random number of the training is used up."""
+        """Examine with ``latents`` held latents, and as many episodes; no random number of the
+        training is used up.
+        """
         self.spec, self.motions, self.head, self.latents, self.seed = (
             spec,
             motions,
@@ -40,7 +45,9 @@ class Selection:
             seed,
         )
         self.chosen: dict[str, Any] = {}
-        """``actor``: state of the best actor so far, ``figures``: its figures, ``samples``: when it was seen."""
+        """``actor``: state of the best actor so far, ``figures``: its figures, ``samples``: when it
+        was seen.
+        """
 
     @cached_property
     def coverage(self) -> SkillCoverage:
@@ -52,7 +59,9 @@ class Selection:
         return self.coverage.measure(Policy(self.head, actor))
 
     def examine(self, actor: MLPModel, samples: int) -> dict[str, float]:
-        """Skill coverage, steadiness and the ``score`` of both; keeps the actor if none was better."""
+        """Skill coverage, steadiness and the ``score`` of both; keeps the actor if none was
+        better.
+        """
         figures = self.measure(actor)
         figures |= steadiness(
             self.spec, Policy(self.head, actor), worlds=self.latents, seed=self.seed
@@ -75,7 +84,9 @@ class Selection:
 
 
 def score(figures: Mapping[str, float]) -> float:
-    """How far the skills are from the clips' own shares (total variation, 0 to 1), and ``FALLS_WEIGHT`` per steered fall."""
+    """How far the skills are from the clips' own shares (total variation, 0 to 1), and
+    ``FALLS_WEIGHT`` per steered fall.
+    """
     clips = {name: figures.get(f"clips_{name}", 0.0) for name in SKILLS}
     apart = sum(abs(figures[f"coverage_{name}"] - clips[name]) for name in SKILLS) / 2.0
     return apart + FALLS_WEIGHT * figures["steered_falls"]

@@ -1,8 +1,9 @@
-"""Which skill each control step of an episode shows, by the clip nearest to it, and whether the skills switch.
+"""Which skill each control step of an episode shows, by the clip nearest to it, and whether the
+skills switch.
 
-Each control step takes the skill of the clip that its style frame is nearest to, each second the skill of most of its
-steps. An episode *walks first and reaches last* when its first second is walking, its last second is reaching, and it
-does not fall in between.
+Each control step takes the skill of the clip that its style frame is nearest to, each second the
+skill of most of its steps. An episode *walks first and reaches last* when its first second is
+walking, its last second is reaching, and it does not fall in between.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from lacoloco.pipelines.nearest_clip import NearestClip
 from lacoloco.pipelines.rollout import ReachRecording
 
 LAST = "reach"
-"""The skill to end with; an episode begins with any other, to walk as an expert or as a dog does."""
+"""The skill to end with; an episode begins with any other, to walk as an expert or as a dog
+does.
+"""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,9 @@ class Switching:
         return self.walks_first & self.reaches_last & ~self.fell
 
     def typical(self) -> int:
-        """The episode with the median error at its end, of those that switch, or of all where none does."""
+        """The episode with the median error at its end, of those that switch, or of all where none
+        does.
+        """
         candidates = (
             np.flatnonzero(self.switches) if self.switches.any() else np.arange(len(self.fell))
         )
@@ -79,7 +84,9 @@ class Switching:
 
 
 def compare(played: ReachRecording, nearest: NearestClip) -> Switching:
-    """Find the nearest skill of every step; the clean style frame is how a low-level observation begins."""
+    """Find the nearest skill of every step; the clean style frame is how a low-level observation
+    begins.
+    """
     episodes, steps, joints = len(played.fell), played.qpos.shape[1], played.qpos.shape[2] - 7
     observed = played.low_obs.reshape(steps, episodes, -1)[:, :, : 10 + 2 * joints].swapaxes(0, 1)
     distances = nearest.distances(torch.from_numpy(np.ascontiguousarray(observed)).flatten(0, 1))

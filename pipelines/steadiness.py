@@ -1,7 +1,8 @@
 """Steadiness: how a low level fares while it is steered, before there is anybody to steer it.
 
-A latent held for 3 s from a standing start tells which skills there are (``coverage.py``), not whether they last: of one low
-level 0.2 % of the episodes ended in a fall under latents drawn anew ten times a second, 11 % under latents that were held.
+A latent held for 3 s from a standing start tells which skills there are (``coverage.py``), not
+whether they last: of one low level 0.2 % of the episodes ended in a fall under latents drawn anew
+ten times a second, 11 % under latents that were held.
 """
 
 from __future__ import annotations
@@ -21,14 +22,16 @@ from lacoloco.robots.spec import RobotSpec
 def steadiness(
     spec: RobotSpec, policy: Policy, *, worlds: int = 256, seconds: float = 10.0, seed: int = 0
 ) -> dict[str, float]:
-    """What becomes of ``worlds`` episodes in worlds and under pushes as a high level will meet them.
+    """What becomes of ``worlds`` episodes in worlds and under pushes as a high level will meet
+    them.
 
-    Every episode begins standing; its latents wander at a pace of its own, from held to drawn anew ten times a second
-    (:class:`~lacoloco.pipelines.learn.latents.LatentConfig`). Mean actions, no noise; the same episodes for the same seed.
+    Every episode begins standing; its latents wander at a pace of its own, from held to drawn anew
+    ten times a second (:class:`~lacoloco.pipelines.learn.latents.LatentConfig`). Mean actions, no
+    noise; the same episodes for the same seed.
 
     Returns:
-        ``steered_falls``, the share that end in a fall, and ``steered_violation``, the share of foot-substeps until then with
-        a contact force above the limit.
+        ``steered_falls``, the share that end in a fall, and ``steered_violation``, the share of
+        foot-substeps until then with a contact force above the limit.
     """
     device = str(next(policy.actor.parameters()).device)
     task = imitate_task(spec, constrained=False)

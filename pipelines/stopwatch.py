@@ -9,7 +9,9 @@ from typing import Any
 
 
 class Stopwatch:
-    """Sums of seconds by part. A part inside another one stops the outer one's clock while it runs."""
+    """Sums of seconds by part. A part inside another one stops the outer one's clock while it
+    runs.
+    """
 
     def __init__(
         self,
@@ -39,7 +41,9 @@ class Stopwatch:
             self._running.pop()
 
     def watch(self, owner: object, method: str, name: str) -> None:
-        """Count every call of ``owner.method`` under ``name`` from now on; only this one object is changed."""
+        """Count every call of ``owner.method`` under ``name`` from now on; only this one object is
+        changed.
+        """
         original = getattr(owner, method)
 
         def timed(*arguments: Any, **options: Any) -> Any:

@@ -1,4 +1,5 @@
-"""Skill switching: what a high level does with the skills, over time: to walk first and to reach last.
+"""Skill switching: what a high level does with the skills, over time: to walk first and to reach
+last.
 
 Played without noise, pushes and randomisation, motors as strong as they are; counted by
 :mod:`lacoloco.pipelines.skill_usage`.
@@ -33,8 +34,9 @@ class SwitchingConfig:
     Attributes:
         episodes: how many are counted.
         seconds: length of an episode.
-        shown: number of the episode in the picture; -1 takes, of those that walk first and reach last (of all, where
-            none does), the one with the median distance from the target at its end.
+        shown: number of the episode in the picture; -1 takes, of those that walk first and reach
+            last (of all, where none does), the one with the median distance from the target at its
+            end.
     """
 
     episodes: int = 256
@@ -74,7 +76,8 @@ def run(
     nearest = NearestClip([clip for path in motions for clip in load_clips(path)])
     if LAST not in nearest.skills or len(nearest.skills) < 2:
         raise StageError(
-            f"{motions[0]}: no clips of '{LAST}' and of another skill; name other motions with --motions"
+            f"{motions[0]}: no clips of '{LAST}' and of another skill; name other motions with "
+            "--motions"
         )
     played = record_reach(
         policy, seconds=config.seconds, episodes=config.episodes, seed=context.seed
@@ -121,6 +124,7 @@ def motions_of(policy: Path) -> list[Path]:
     if not found:
         what = read_header(policy).metadata.get("method", "policy")
         raise StageError(
-            f"{policy}: the motions that this {what} was trained on are gone; name some with --motions"
+            f"{policy}: the motions that this {what} was trained on are gone; name some with "
+            "--motions"
         )
     return list(dict.fromkeys(found))

@@ -1,4 +1,6 @@
-"""Stage track: clips -> the same motions as a robot performs them, recorded from a policy that follows them in simulation."""
+"""Stage track: clips -> the same motions as a robot performs them, recorded from a policy that
+follows them in simulation.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +76,8 @@ PRESETS: dict[str, Callable[[], TrackConfig]] = {
 
 
 def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) -> StageResult:
-    """Train a tracker on the clips of some artifacts and record it; the tracker is kept beside the clips.
+    """Train a tracker on the clips of some artifacts and record it; the tracker is kept beside the
+    clips.
 
     Raises:
         ArtifactError: the motions are missing or damaged.

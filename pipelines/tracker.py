@@ -1,10 +1,12 @@
-"""A policy that follows clips in simulation: what was retargeted becomes something that a robot has done.
+"""A policy that follows clips in simulation: what was retargeted becomes something that a robot has
+done.
 
-A retargeted clip is kinematics. Its feet stand exactly on a floor into which any simulated foot sinks, its trunk is carried
-by forces that nobody has checked against the motors: a discriminator needs no more to tell the robot from it for ever, and
-actions inferred from it hold for a tenth of a second. Followed by a policy that sees what comes next (as DeepMimic does,
-but in the base frame: where on the floor and with which heading does not matter), the same motion obeys the same physics as
-the robot that is to learn it.
+A retargeted clip is kinematics. Its feet stand exactly on a floor into which any simulated foot
+sinks, its trunk is carried by forces that nobody has checked against the motors: a discriminator
+needs no more to tell the robot from it for ever, and actions inferred from it hold for a tenth of a
+second. Followed by a policy that sees what comes next (as DeepMimic does, but in the base frame:
+where on the floor and with which heading does not matter), the same motion obeys the same physics
+as the robot that is to learn it.
 """
 
 from __future__ import annotations
@@ -42,14 +44,17 @@ class TrackerConfig:
         worlds: parallel worlds.
         samples: control steps in all.
         episode_s: seconds until a world begins at another moment.
-        standing: share of the episodes that begin standing still in the default pose, at a moment slower than
-            ``standing_speed`` [m/s]: clips rarely show how one begins.
-        stopping: share of the other episodes in which the robot is to stand still from some moment on: clips rarely show how
-            one stops, and never where a target is.
+        standing: share of the episodes that begin standing still in the default pose, at a moment
+            slower than ``standing_speed`` [m/s]: clips rarely show how one begins.
+        stopping: share of the other episodes in which the robot is to stand still from some moment
+            on: clips rarely show how one stops, and never where a target is.
         stop_after_s: between which two ages of the episode that moment is.
-        grace_s: seconds after such a beginning or moment in which it may be as far from the clip as it likes.
-        ramp: shares of the training between which the limit on the foot forces rises to full strength.
-        std: exploration std at the start and at the end, in raw action units, around the inferred actions.
+        grace_s: seconds after such a beginning or moment in which it may be as far from the clip as
+            it likes.
+        ramp: shares of the training between which the limit on the foot forces rises to full
+            strength.
+        std: exploration std at the start and at the end, in raw action units, around the inferred
+            actions.
     """
 
     worlds: int = 512
@@ -76,9 +81,11 @@ class TrackerConfig:
 
 
 class Shadow:
-    """N worlds, each on its way through a clip; ``rows`` (N,) are the moments that they should be in.
+    """N worlds, each on its way through a clip; ``rows`` (N,) are the moments that they should be
+    in.
 
-    ``stop_at`` (N,) is the age of the episode, in control steps, at which it is left for standing still, ``NEVER`` in most.
+    ``stop_at`` (N,) is the age of the episode, in control steps, at which it is left for standing
+    still, ``NEVER`` in most.
     """
 
     def __init__(
@@ -127,7 +134,9 @@ class Shadow:
         return step, reward.masked_fill(~step.valid, 0.0), lost, ended
 
     def begin(self, mask: torch.Tensor) -> None:
-        """Begin anew in the worlds of ``mask`` (N,) bool: at any moment in its state, or standing at a slow one."""
+        """Begin anew in the worlds of ``mask`` (N,) bool: at any moment in its state, or standing
+        at a slow one.
+        """
         count = self.env.num_worlds
         anywhere = self.states.rows(
             *self.motions.sample(count, generator=self.draw, margin=2.0 * CONTROL_DT)
@@ -145,7 +154,8 @@ class Shadow:
         )
 
     def put(self, mask: torch.Tensor, rows: torch.Tensor, standing: torch.Tensor) -> None:
-        """Put the worlds of ``mask`` at the moments ``rows`` (N,), those of ``standing`` (N,) bool in the default pose.
+        """Put the worlds of ``mask`` at the moments ``rows`` (N,), those of ``standing`` (N,) bool
+        in the default pose.
 
         None of them is to stop.
         """
@@ -272,7 +282,9 @@ class TrackerTrainer:
 
 
 def _task(spec: RobotSpec, config: TrackerConfig) -> Task:
-    """Clips must show every world the low level will meet, as those of the experts do, but nothing that was not meant."""
+    """Clips must show every world the low level will meet, as those of the experts do, but nothing
+    that was not meant.
+    """
     task = imitate_task(spec, constrained=True)
     return replace(
         task,

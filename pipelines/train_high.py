@@ -1,4 +1,6 @@
-"""Stage train-high: a low-level policy and a task -> a high-level policy that steers it by latents (paper section IV)."""
+"""Stage train-high: a low-level policy and a task -> a high-level policy that steers it by latents
+(paper section IV).
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,9 @@ def gpu() -> TrainHighConfig:
 
 
 def paper() -> TrainHighConfig:
-    """The paper's budget: 2000 iterations of 32 decisions in 4096 worlds, 1310 M control steps (facts 3)."""
+    """The paper's budget: 2000 iterations of 32 decisions in 4096 worlds, 1310 M control steps
+    (facts 3).
+    """
     base = gpu()
     return replace(
         base, decisions=2000 * 32 * base.worlds, ppo=replace(base.ppo, horizon=32, epochs=6)
@@ -78,7 +82,8 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     directory = begin(context, "train-high", method)
     seed = parallel.own_seed(context.seed)
     trainer = HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
-    # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
+    # A training killed before its first checkpoint begins anew, with all that belongs to a
+    # beginning.
     if mine.hindsight.decisions and not has_checkpoint(directory.path):
         context.progress.say("trying latents and fitting the first policy to where they led")
         trainer.warm_start()
@@ -113,7 +118,9 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
 
 
 def priced(config: TrainHighConfig, method: str) -> TrainHighConfig:
-    """The config with a price of contact forces: its own, or what suits a low level trained by ``method``."""
+    """The config with a price of contact forces: its own, or what suits a low level trained by
+    ``method``.
+    """
     if config.force_price is not None:
         return config
     return replace(config, force_price=PRICE if method.endswith("-cat") else 0.0)
@@ -135,7 +142,9 @@ def shared(config: TrainHighConfig) -> TrainHighConfig:
 def _before_and_after(
     spec: RobotSpec, low: Policy, high: Policy, config: TrainHighConfig, context: StageContext
 ) -> dict[str, float]:
-    """Mean final end-effector error [m] with random latents and with the trained high level, on the same episodes."""
+    """Mean final end-effector error [m] with random latents and with the trained high level, on the
+    same episodes.
+    """
     episodes = min(256, config.worlds)
     figures = {}
     for name, policies in (

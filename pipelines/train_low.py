@@ -1,4 +1,6 @@
-"""Stage train-low: motions -> a low-level policy steered by latents (ASE, with a GAN or DRAIL discriminator, with or without CaT)."""
+"""Stage train-low: motions -> a low-level policy steered by latents (ASE, with a GAN or DRAIL
+discriminator, with or without CaT).
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,9 @@ def smoke() -> TrainLowConfig:
 
 
 def gpu() -> TrainLowConfig:
-    """The laptop's recipe on a GPU's width: eight times the worlds, seven times the samples, batches to match."""
+    """The laptop's recipe on a GPU's width: eight times the worlds, seven times the samples,
+    batches to match.
+    """
     base = laptop()
     return replace(
         base,
@@ -66,7 +70,9 @@ def gpu() -> TrainLowConfig:
 
 
 def paper() -> TrainLowConfig:
-    """The paper's budget, 7000 iterations of 32 steps in 4096 worlds, and its ramp of the constraint (facts 3, 6)."""
+    """The paper's budget, 7000 iterations of 32 steps in 4096 worlds, and its ramp of the
+    constraint (facts 3, 6).
+    """
     base = gpu()
     return replace(
         base,
@@ -105,7 +111,8 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     trainer = LowTrainer(
         spec, library, mine, seed=parallel.own_seed(context.seed), device=context.device
     )
-    # A training killed before its first checkpoint begins anew, with all that belongs to a beginning.
+    # A training killed before its first checkpoint begins anew, with all that belongs to a
+    # beginning.
     if config.warm_start and not has_checkpoint(directory.path):
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
         trainer.warm_start()

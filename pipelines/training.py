@@ -23,16 +23,22 @@ from lacoloco.pipelines.stage import StageContext
 CHECKPOINT = "lacoloco/checkpoint"
 CHECKPOINT_SECONDS = 60.0
 INDIVIDUAL = ("env", "latent", "latents", "retries", "exploring", "draw")
-"""Parts of a trainer's state that every process of a training has for itself: its worlds and its generators."""
+"""Parts of a trainer's state that every process of a training has for itself: its worlds and its
+generators.
+"""
 
 
 class Trainer(Protocol):
-    """One training, an iteration at a time. Its state must make the next iteration what it would have been."""
+    """One training, an iteration at a time. Its state must make the next iteration what it would
+    have been.
+    """
 
     samples_per_iteration: int
 
     def iterate(self, progress: float) -> dict[str, float]:
-        """Collect a rollout and learn from it; ``progress`` in [0, 1) is the share of the training already done."""
+        """Collect a rollout and learn from it; ``progress`` in [0, 1) is the share of the training
+        already done.
+        """
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimisers, environment, generators."""
@@ -76,23 +82,28 @@ def train(
 ) -> dict[str, Any]:
     """Run the training to its end, from its checkpoint if there is one.
 
-    Ctrl-C is taken at the end of the running iteration: the checkpoint then holds exactly that iteration. The last
-    checkpoint stays until :func:`remove_checkpoints`, so that a finished training is not repeated by a resumed stage.
+    Ctrl-C is taken at the end of the running iteration: the checkpoint then holds exactly that
+    iteration. The last checkpoint stays until :func:`remove_checkpoints`, so that a finished
+    training is not repeated by a resumed stage.
 
-    Of several processes (``learn.parallel``) the first one logs and writes checkpoints; samples are those of all.
+    Of several processes (``learn.parallel``) the first one logs and writes checkpoints; samples are
+    those of all.
 
     Args:
         trainer: what to train.
         iterations: how many iterations in all.
-        directory: where ``<description>.checkpoint.h5``, ``metrics.jsonl`` and TensorBoard events go.
+        directory: where ``<description>.checkpoint.h5``, ``metrics.jsonl`` and TensorBoard events
+            go.
         context: seed, progress and whether to resume.
         description: name of the training, unique in the directory.
         shown: the figures to show while it runs.
         config: written into the checkpoint.
-        warn: what is wrong, from the figures of all iterations so far; each name is said once while it runs.
+        warn: what is wrong, from the figures of all iterations so far; each name is said once while
+            it runs.
 
     Returns:
-        The last iteration's figures with ``samples``, ``seconds``, ``samples_per_second`` and the ``warnings`` that hold.
+        The last iteration's figures with ``samples``, ``seconds``, ``samples_per_second`` and the
+        ``warnings`` that hold.
 
     Raises:
         KeyboardInterrupt: after the checkpoint was written.
@@ -162,7 +173,8 @@ class MetricsLog:
     def __init__(self, directory: Path, name: str, done: int = 0) -> None:
         """Open both in ``directory``; ``name`` prefixes the TensorBoard tags.
 
-        Lines of this training beyond ``done`` samples are dropped: a killed one wrote them after its last checkpoint.
+        Lines of this training beyond ``done`` samples are dropped: a killed one wrote them after
+        its last checkpoint.
         """
         from torch.utils.tensorboard import SummaryWriter
 
@@ -174,7 +186,9 @@ class MetricsLog:
         self.history: list[Figures] = [
             one for one in map(json.loads, kept) if one["training"] == name
         ]
-        """The figures of all iterations of this training so far, also of those before it was resumed."""
+        """The figures of all iterations of this training so far, also of those before it was
+        resumed.
+        """
         self._lines = path.open("a")
         self._events = SummaryWriter(str(directory / "tensorboard"), purge_step=done + 1)
 
@@ -278,8 +292,9 @@ def _restore(trainer: Trainer, path: Path, seed: int) -> tuple[int, float, dict[
         if "cuda_rng" in state and torch.cuda.is_available():
             torch.cuda.set_rng_state(state["cuda_rng"])
     else:
-        # The file holds the first process's worlds: the others go on with new ones, or they would do the same again.
-        # So does the first one when there are more or fewer processes now, and its share is another.
+        # The file holds the first process's worlds: the others go on with new ones, or they would
+        # do the same again. So does the first one when there are more or fewer processes now, and
+        # its share is another.
         trainer.load_state_dict(_with_own(state["trainer"], trainer.state_dict()))
         torch.manual_seed(parallel.own_seed(seed) + iteration)
     return iteration, float(artifact.metadata["elapsed_s"]), state["figures"]

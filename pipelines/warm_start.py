@@ -1,9 +1,10 @@
 """Actions for clips that have none, and a policy that begins with them.
 
-A clip says how a robot moved, not what its motors were asked for. Both engines can answer that: put a world into every
-recorded state, ask for joint targets, and correct them until the next recorded state comes out (inverse dynamics by
-simulation). A policy fitted to those actions goes on in whatever motion it finds itself in, and adversarial training
-starts from there instead of from a robot that has to discover walking by accident.
+A clip says how a robot moved, not what its motors were asked for. Both engines can answer that: put
+a world into every recorded state, ask for joint targets, and correct them until the next recorded
+state comes out (inverse dynamics by simulation). A policy fitted to those actions goes on in
+whatever motion it finds itself in, and adversarial training starts from there instead of from a
+robot that has to discover walking by accident.
 """
 
 from __future__ import annotations
@@ -21,10 +22,15 @@ from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.robots.spec import RobotSpec
 
 ITERATIONS = 60
-"""In the air 6 are enough; where a leg is loaded the answer is slower, and after 6 the targets are still 0.14 rad (rms) off."""
+"""In the air 6 are enough; where a leg is loaded the answer is slower, and after 6 the targets are
+still 0.14 rad (rms) off.
+"""
 GAIN_POSITION, GAIN_VELOCITY = 1.2, 0.025
-"""Correction of a joint target per rad and per rad/s of error [rad]: damped Gauss-Newton for a joint that answers a
-changed target by a third of it in position and by 15 1/s of it in velocity within one control step (Solo12 in the air)."""
+"""Correction of a joint target per rad and per rad/s of error [rad]: damped Gauss-Newton for a
+joint that answers a changed target by a third of it in position and by 15 1/s of it in velocity
+within one control step
+(Solo12 in the air).
+"""
 BOUND = 1.0
 """Largest |action| that is taken from a clip."""
 
@@ -38,7 +44,8 @@ class ClipStates:
         qvel: (M, 6 + J) generalised velocities.
         first: (clips,) row of the first state of every clip.
         last: (M,) row of the last state of the clip that a row belongs to.
-        targets: (M, J) where the motors were asked to go from each state to the next [rad], NaN where nobody knows.
+        targets: (M, J) where the motors were asked to go from each state to the next [rad], NaN
+            where nobody knows.
     """
 
     qpos: torch.Tensor
@@ -58,7 +65,9 @@ class ClipStates:
 
 
 def clip_states(library: MotionLibrary) -> ClipStates:
-    """Line up the clips of a library: recorded states where a clip's rate is the control rate, blended ones elsewhere."""
+    """Line up the clips of a library: recorded states where a clip's rate is the control rate,
+    blended ones elsewhere.
+    """
     lengths = (library.durations / CONTROL_DT + 1e-3).long() + 1
     ends = lengths.cumsum(0)
     first, last = ends - lengths, torch.repeat_interleave(ends - 1, lengths)
@@ -74,10 +83,11 @@ def clip_states(library: MotionLibrary) -> ClipStates:
 
 
 def infer_actions(spec: RobotSpec, states: ClipStates, action_scale: float) -> torch.Tensor:
-    """(M, J) raw actions that take every state to the next one of its clip; zero where there is none.
+    """(M, J) raw actions that take every state to the next one of its clip; zero where there is
+    none.
 
-    Those that a robot performed the clip with are taken as they are: inferred ones are 0.06 rad (rms) off for a trotting Solo12.
-    The world is the model's own, without randomisation.
+    Those that a robot performed the clip with are taken as they are: inferred ones are 0.06 rad
+    (rms) off for a trotting Solo12. The world is the model's own, without randomisation.
     """
     device = states.qpos.device
     moving = torch.arange(len(states.qpos), device=device) < states.last

@@ -100,8 +100,8 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
 def _set_contacts(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
     """Self collision by contype/conaffinity; feet decide the friction of their contacts.
 
-    Two geoms touch if (contype1 & conaffinity2) | (contype2 & conaffinity1). Friction is the
-    larger of the two unless priorities differ, so only with a higher priority can a foot's friction,
+    Two geoms touch if (contype1 & conaffinity2) | (contype2 & conaffinity1). Friction is the larger
+    of the two unless priorities differ, so only with a higher priority can a foot's friction,
     randomised per world, fall below the floor's.
     """
     feet = set(robot.feet)

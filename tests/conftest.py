@@ -2,7 +2,8 @@
 
 import os
 
-# Tiny tensors on several threads cost a hundred times what one thread takes when the cores are shared.
+# Tiny tensors on several threads cost a hundred times what one thread takes when the cores are
+# shared.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import shutil  # noqa: E402
@@ -53,7 +54,8 @@ def read_only_folder():
 
 @pytest.fixture
 def full_disk():
-    """A context in which the process may write no file beyond 1 KiB: the operating system then refuses.
+    """A context in which the process may write no file beyond 1 KiB: the operating system then
+    refuses.
 
     Only for the writing itself: pytest's own output may be going to a longer file.
     """

@@ -56,7 +56,9 @@ def pyproject():
 
 
 def test_every_folder_is_installed():
-    """Those of data, too: setuptools takes them for forgotten packages and says so in every installation."""
+    """Those of data, too: setuptools takes them for forgotten packages and says so in every
+    installation.
+    """
     rooms = [CHECKOUT / name for name in (*ROOMS, "lacoloco_cli")]
     files = [
         file.relative_to(CHECKOUT) for room in rooms for file in room.rglob("*.*") if file.is_file()

@@ -1,10 +1,10 @@
 """When and where a dog that walks, trots and turns puts its paws.
 
-Footfall order and duty factors are within the ranges of M. Hildebrand, "Symmetrical gaits of dogs in
-relation to body build", J. Morphology 124, 1968; stride frequencies within those of N. C. Heglund
-and C. R. Taylor, "Speed, stride frequency and energy cost per stride", J. Exp. Biology 138, 1988,
-for an animal of this size. The numbers are round ones chosen by us; nothing is fitted to recordings.
-World frame: x forward at the start, y left, z up; metres, seconds, radians.
+Footfall order and duty factors are within the ranges of M. Hildebrand, "Symmetrical gaits of dogs
+in relation to body build", J. Morphology 124, 1968; stride frequencies within those of N. C.
+Heglund and C. R. Taylor, "Speed, stride frequency and energy cost per stride", J. Exp. Biology 138,
+1988, for an animal of this size. The numbers are round ones chosen by us; nothing is fitted to
+recordings. World frame: x forward at the start, y left, z up; metres, seconds, radians.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Adversarial Skill Embeddings: PPO whose rewards come from a discriminator and a skill encoder (paper section III-A)."""
+"""Adversarial Skill Embeddings: PPO whose rewards come from a discriminator and a skill encoder
+(paper section III-A).
+"""
 
 from __future__ import annotations
 
@@ -33,17 +35,20 @@ class AseConfig:
     """The adversarial part.
 
     Attributes:
-        reward_scale: factor on the whole style reward, so that returns stay near 1 without a value normaliser.
+        reward_scale: factor on the whole style reward, so that returns stay near 1 without a value
+            normaliser.
         imitation_weight: weight of r_D.
         encoder_weight: weight of r_E relative to r_D: the paper's beta.
-        anchor: weight of the encoder's loss on labelled demonstrations, beside 1 for the policy's own transitions; without
-            labels it does nothing.
+        anchor: weight of the encoder's loss on labelled demonstrations, beside 1 for the policy's
+            own transitions; without labels it does nothing.
         diversity: weight of the diversity loss.
         updates: discriminator and encoder steps per iteration.
-        batch: policy transitions per step, half current and half replayed; as many demonstrations again.
-        replay_capacity: transitions remembered; as many as a checkpoint can hold, so that a resumed training is the same.
-        replay_share: share of every rollout that is remembered: little of many, so that the memory spans a million samples and
-            a skill that was dropped is not taken for a new one.
+        batch: policy transitions per step, half current and half replayed; as many demonstrations
+            again.
+        replay_capacity: transitions remembered; as many as a checkpoint can hold, so that a resumed
+            training is the same.
+        replay_share: share of every rollout that is remembered: little of many, so that the memory
+            spans a million samples and a skill that was dropped is not taken for a new one.
     """
 
     discriminator: str = "drail"
@@ -65,7 +70,9 @@ class AseConfig:
 
 
 class Ase(Ppo):
-    """Low-level training: pi(a | s, z) against demonstrations, with its own optimisers for discriminator and encoder."""
+    """Low-level training: pi(a | s, z) against demonstrations, with its own optimisers for
+    discriminator and encoder.
+    """
 
     def __init__(
         self,
@@ -80,7 +87,9 @@ class Ase(Ppo):
         seed: int,
         device: str = "cpu",
     ) -> None:
-        """Build everything; ``demonstrations(n)`` returns clean transitions (n, 2F), oldest frame first."""
+        """Build everything; ``demonstrations(n)`` returns clean transitions (n, 2F), oldest frame
+        first.
+        """
         super().__init__(sizes, actions, num_worlds, ppo, networks, device)
         self.ase, self.demonstrations = ase, demonstrations
         dim = demonstrations(1).shape[-1]
@@ -106,12 +115,16 @@ class Ase(Ppo):
     def record_transition(
         self, frame: torch.Tensor, next_frame: torch.Tensor, valid: torch.Tensor
     ) -> None:
-        """Keep the style transition (N, F), (N, F) of the step about to be recorded; both frames before any reset."""
+        """Keep the style transition (N, F), (N, F) of the step about to be recorded; both frames
+        before any reset.
+        """
         self.transitions[self.storage.step] = torch.cat((frame, next_frame), dim=-1)
         self.valid[self.storage.step] = valid
 
     def fit_encoder(self, steps: int, batch: int = 2048) -> float:
-        """Teach the encoder the labelled demonstrations before there is a rollout; returns its mean cosine at the end."""
+        """Teach the encoder the labelled demonstrations before there is a rollout; returns its mean
+        cosine at the end.
+        """
         self.normalizer.update(*(self.demonstrations(4 * batch) for _ in range(2)))
         miss = torch.zeros(())
         for _ in range(steps):
@@ -131,17 +144,20 @@ class Ase(Ppo):
         """Discriminator and encoder first, on this rollout; then actor and critic."""
         figures = self.figures | self._update_style() | super().update()
         if "auxiliary" in figures:
-            # Without its weight: 1 where actions ignore the latent, 0 where they move just as far as it does.
+            # Without its weight: 1 where actions ignore the latent, 0 where they move just as far
+            # as it does.
             figures["diversity"] = figures.pop("auxiliary") / self.ase.diversity
         return figures
 
     def auxiliary_loss(
         self, batch: RolloutStorage.Batch, mean: torch.Tensor
     ) -> torch.Tensor | None:
-        """Diversity: how far the actions move must match how far the latent moves (paper, "Diversity Term").
+        """Diversity: how far the actions move must match how far the latent moves (paper,
+        "Diversity Term").
 
-        The KL of two Gaussians with one fixed std is the squared distance of their means up to a factor; as in the
-        original the mean squared distance itself is compared with D_z = 0.5 (1 - z . z').
+        The KL of two Gaussians with one fixed std is the squared distance of their means up to a
+        factor; as in the original the mean squared distance itself is compared with D_z = 0.5 (1 -
+        z . z').
         """
         if not self.ase.diversity:
             return None
@@ -228,7 +244,8 @@ class Ase(Ppo):
             )
             demo = self.normalizer(self.demonstrations(ase.batch))
             loss, figures = self.discriminator.loss(policy, demo, self.draw)
-            # A factor, not a branch: nothing waits for the device, and every process takes the same steps.
+            # A factor, not a branch: nothing waits for the device, and every process takes the same
+            # steps.
             accuracy = parallel.average(
                 0.5 * (figures["agent_accuracy"] + figures["demo_accuracy"])
             )

@@ -1,4 +1,6 @@
-"""Constraints as Terminations: violations become probabilities of losing all future reward (paper section III-B)."""
+"""Constraints as Terminations: violations become probabilities of losing all future reward (paper
+section III-B).
+"""
 
 from __future__ import annotations
 
@@ -8,12 +10,14 @@ from lacoloco.pipelines.learn import parallel
 
 
 class SoftTerminations:
-    """delta = max_i p_i clip(c_i+ / c_i^max, 0, 1), with c_i^max a running scale per constraint column.
+    """delta = max_i p_i clip(c_i+ / c_i^max, 0, 1), with c_i^max a running scale per constraint
+    column.
 
-    ``c_max`` follows the *mean violation* of the worlds that violate, by an exponential mean (rate 0.05, facts 6.1) and only
-    on steps with a violation. In the paper it is the maximum of the batch. Among hundreds of worlds that is always the one
-    that is just falling, beside which no step of a gait costs anything; and the original lets it decay to nothing while all
-    is well, so that the next graze counts as the worst case.
+    ``c_max`` follows the *mean violation* of the worlds that violate, by an exponential mean (rate
+    0.05, facts 6.1) and only on steps with a violation. In the paper it is the maximum of the
+    batch. Among hundreds of worlds that is always the one that is just falling, beside which no
+    step of a gait costs anything; and the original lets it decay to nothing while all is well, so
+    that the next graze counts as the worst case.
     """
 
     def __init__(self, max_p: dict[str, float], rate: float = 0.05) -> None:
@@ -63,7 +67,9 @@ class SoftTerminations:
 
 
 def ramp(progress: float, start: float, end: float) -> float:
-    """Strength of the constraints: 0 until ``start``, then linear to 1 at ``end``; all as shares of the training."""
+    """Strength of the constraints: 0 until ``start``, then linear to 1 at ``end``; all as shares of
+    the training.
+    """
     if progress >= end:
         return 1.0
     return max(0.0, (progress - start) / max(end - start, 1e-9))

@@ -1,4 +1,6 @@
-"""Behaviour cloning: fit an actor's mean to the actions of clips, given latents of what each clip does."""
+"""Behaviour cloning: fit an actor's mean to the actions of clips, given latents of what each clip
+does.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from tensordict import TensorDict
 from lacoloco.pipelines.learn.skill_embedding import SkillEmbedding, uniformity
 
 UNIFORMITY_WEIGHT = 0.02
-"""Enough to reach the uniform distribution's own value within 1 % while the actions' error stays as without it."""
+"""Enough to reach the uniform distribution's own value within 1 % while the actions' error stays as
+without it.
+"""
 PAIRS_FROM = 1024
 """Latents of a batch that are compared with each other."""
 
@@ -26,8 +30,9 @@ class Teacher:
         previous: (M, A) actions before.
         actions: (M, A) actions to reproduce.
         noise: (F + A,) half-ranges of the uniform observation noise.
-        action_noise: standard deviation added to ``previous``; more than exploration will add, because a policy that may
-            trust its last action repeats it and never leaves a standing start.
+        action_noise: standard deviation added to ``previous``; more than exploration will add,
+            because a policy that may trust its last action repeats it and never leaves a standing
+            start.
     """
 
     frames: torch.Tensor
@@ -58,10 +63,12 @@ def clone(
     learning_rate: float = 1e-3,
     draw: torch.Generator,
 ) -> float:
-    """Minimise the squared error of the mean action over actor and embedding together; latents stay uniform.
+    """Minimise the squared error of the mean action over actor and embedding together; latents stay
+    uniform.
 
     Args:
-        actor: over the groups ``policy`` (frame, last action) and ``latent``; its normaliser learns the observations.
+        actor: over the groups ``policy`` (frame, last action) and ``latent``; its normaliser learns
+            the observations.
         embedding: gives the latents; learns with the actor.
         teacher: what to reproduce.
         starts: ``starts(n)`` draws n rows at which windows begin.

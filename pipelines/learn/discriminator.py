@@ -1,4 +1,6 @@
-"""What the two discriminators share: the contract, the normaliser of their input, and the imitation reward."""
+"""What the two discriminators share: the contract, the normaliser of their input, and the imitation
+reward.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +18,18 @@ class DiscriminatorConfig(Protocol):
     """What every discriminator is told.
 
     Attributes:
-        max_accuracy: it learns only while it is right less often than this. Left alone it is right 95 % of the time within a
-            million samples and then tells the policy nothing (the reward falls to 0.03 of its ln 2).
+        max_accuracy: it learns only while it is right less often than this. Left alone it is right
+            95 % of the time within a million samples and then tells the policy nothing (the reward
+            falls to 0.03 of its ln 2).
     """
 
     max_accuracy: float
 
 
 class Discriminator(Protocol):
-    """Tells demonstrations from the policy; inputs are normalised transitions (n, 2F), oldest frame first."""
+    """Tells demonstrations from the policy; inputs are normalised transitions (n, 2F), oldest frame
+    first.
+    """
 
     config: DiscriminatorConfig
 
@@ -41,14 +46,18 @@ class Discriminator(Protocol):
 
 
 def imitation_reward(logits: torch.Tensor, ceiling: float = 5.0) -> torch.Tensor:
-    """(n,) r_D = -log(1 - D) = softplus(logit), at most ``ceiling`` (the original's 1e-4 floor on 1 - D gives 9.2)."""
+    """(n,) r_D = -log(1 - D) = softplus(logit), at most ``ceiling`` (the original's 1e-4 floor on 1
+    - D gives 9.2).
+    """
     return nn.functional.softplus(logits).clamp_max(ceiling)
 
 
 def classification(
     agent: torch.Tensor, demo: torch.Tensor
 ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-    """Binary cross-entropy of agent (n,) and demonstration (m,) logits, each class averaged, and its statistics."""
+    """Binary cross-entropy of agent (n,) and demonstration (m,) logits, each class averaged, and
+    its statistics.
+    """
     bce = 0.5 * (nn.functional.softplus(agent).mean() + nn.functional.softplus(-demo).mean())
     with torch.no_grad():
         figures = {
@@ -64,9 +73,10 @@ def classification(
 class TransitionNormalizer(nn.Module):
     """Running per-feature statistics of single frames, applied to both frames of a transition.
 
-    One set of statistics for both frames keeps their difference meaningful (the original keeps two, facts 3). They are
-    taken from demonstrations and policy in equal parts: scaled by the demonstrations alone, the small features in which
-    an untrained policy differs (height, tilt) become many standard deviations and the discriminator saturates.
+    One set of statistics for both frames keeps their difference meaningful (the original keeps two,
+    facts 3). They are taken from demonstrations and policy in equal parts: scaled by the
+    demonstrations alone, the small features in which an untrained policy differs (height, tilt)
+    become many standard deviations and the discriminator saturates.
     """
 
     def __init__(self, frame_dim: int) -> None:

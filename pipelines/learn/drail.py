@@ -1,4 +1,6 @@
-"""The diffusion discriminator: which label lets a denoiser explain a transition better (paper section III-C; DRAIL)."""
+"""The diffusion discriminator: which label lets a denoiser explain a transition better (paper
+section III-C; DRAIL).
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,14 @@ class DrailConfig:
         layers: number of hidden layers.
         steps: diffusion steps T.
         samples: stratified diffusion times per transition.
-        times: range of the diffusion times as shares of T. Close to 0 the denoiser sees a transition almost as it is, and
-            the jitter of exploration noise alone tells the policy from any demonstration.
-        scale: factor on the difference of the two losses; both are means over 2F dimensions, so their difference alone
-            is too small to leave the flat part of the sigmoid (the paper sums, |.|^2, the original averages).
-        max_accuracy: of demonstrations and policy together, beyond which it does not learn (``discriminator.py``).
+        times: range of the diffusion times as shares of T. Close to 0 the denoiser sees a
+            transition almost as it is, and the jitter of exploration noise alone tells the policy
+            from any demonstration.
+        scale: factor on the difference of the two losses; both are means over 2F dimensions, so
+            their difference alone is too small to leave the flat part of the sigmoid (the paper
+            sums, |.|^2, the original averages).
+        max_accuracy: of demonstrations and policy together, beyond which it does not learn
+            (``discriminator.py``).
     """
 
     hidden: int = 128
@@ -36,14 +41,18 @@ class DrailConfig:
 
 
 class DrailDiscriminator(nn.Module):
-    """D = sigmoid(scale (L(x, policy) - L(x, expert))), both losses at the *same* diffusion times and noises.
+    """D = sigmoid(scale (L(x, policy) - L(x, expert))), both losses at the *same* diffusion times
+    and noises.
 
-    With common draws an uninformed network gives exactly 0, whatever it predicts; the original's independent draws leave
-    a noise of +-0.5 in every logit (facts 9.2, B11). Stratified times (one per quantile of the schedule) reduce the rest.
+    With common draws an uninformed network gives exactly 0, whatever it predicts; the original's
+    independent draws leave a noise of +-0.5 in every logit (facts 9.2, B11). Stratified times (one
+    per quantile of the schedule) reduce the rest.
     """
 
     def __init__(self, transition_dim: int, config: DrailConfig) -> None:
-        """Build the label-conditioned denoiser for transitions of ``transition_dim`` = 2F numbers."""
+        """Build the label-conditioned denoiser for transitions of ``transition_dim`` = 2F
+        numbers.
+        """
         super().__init__()
         self.config = config
         self.entry = nn.Linear(transition_dim, config.hidden)
@@ -77,7 +86,9 @@ class DrailDiscriminator(nn.Module):
     def loss(
         self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-        """Cross-entropy of the logits; the denoiser is trained by nothing else (paper, after eq. of D_diffusion)."""
+        """Cross-entropy of the logits; the denoiser is trained by nothing else (paper, after eq. of
+        D_diffusion).
+        """
         logits = self.logits(torch.cat((agent, demo)), draw)
         return classification(logits[: len(agent)], logits[len(agent) :])
 
@@ -88,7 +99,9 @@ class DrailDiscriminator(nn.Module):
         return self.exit(activation)
 
     def _times(self, count: int, draw: torch.Generator) -> torch.Tensor:
-        """(count, samples) integer diffusion times, one uniform draw in each of ``samples`` equal strata of the range."""
+        """(count, samples) integer diffusion times, one uniform draw in each of ``samples`` equal
+        strata of the range.
+        """
         samples, steps = self.config.samples, self.config.steps
         low, high = self.config.times
         offset = torch.rand(count, samples, generator=draw, device=draw.device)
@@ -97,7 +110,9 @@ class DrailDiscriminator(nn.Module):
 
 
 def cosine_schedule(steps: int, offset: float = 0.008) -> torch.Tensor:
-    """(steps,) cumulative signal share alpha_bar of Nichol & Dhariwal (2021), betas clipped to [1e-4, 0.9999]."""
+    """(steps,) cumulative signal share alpha_bar of Nichol & Dhariwal (2021), betas clipped to
+    [1e-4, 0.9999].
+    """
     phase = (
         (torch.arange(steps + 1, dtype=torch.float64) / steps + offset)
         / (1.0 + offset)

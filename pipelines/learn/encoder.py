@@ -1,4 +1,6 @@
-"""The skill encoder q(z | s_t, s_t+1) ~ exp(kappa mu_q . z) and its reward (paper, "Skill Discovery Objective")."""
+"""The skill encoder q(z | s_t, s_t+1) ~ exp(kappa mu_q . z) and its reward (paper, "Skill Discovery
+Objective").
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from lacoloco.pipelines.learn.latents import project
 
 
 class SkillEncoder(nn.Module):
-    """Predicts the mean direction mu_q (n, dim) of the von Mises-Fisher distribution from a transition (n, 2F)."""
+    """Predicts the mean direction mu_q (n, dim) of the von Mises-Fisher distribution from a
+    transition (n, 2F).
+    """
 
     def __init__(
         self, transition_dim: int, latent_dim: int, hidden: tuple[int, ...] = (256, 128)
@@ -30,7 +34,9 @@ def cosine(predicted: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
 
 
 def encoder_reward(predicted: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
-    """(n,) max(0, mu_q . z): the paper's log q with kappa = 1, floored as in the original (facts 4)."""
+    """(n,) max(0, mu_q . z): the paper's log q with kappa = 1, floored as in the original (facts
+    4).
+    """
     return cosine(predicted, z).clamp_min(0.0)
 
 

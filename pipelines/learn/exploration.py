@@ -1,4 +1,6 @@
-"""Who explores, and how far: worlds that act on their mean for a while, and worlds that dare more than the others."""
+"""Who explores, and how far: worlds that act on their mean for a while, and worlds that dare more
+than the others.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,13 @@ MEAN, SAMPLED, BOLD = 0.0, 1.0, 2.0
 
 
 class Exploration:
-    """What each world does now: act on its mean, sample, or sample boldly; it is decided anew after a random spell.
+    """What each world does now: act on its mean, sample, or sample boldly; it is decided anew after
+    a random spell.
 
     Args:
         num_worlds: N.
-        deterministic_share: mean share of steps on the mean; each world has a fixed probability of its own.
+        deterministic_share: mean share of steps on the mean; each world has a fixed probability of
+            its own.
         spell: mean number of steps until a world decides anew.
         bold_share: share of the sampling spells that are bold.
     """
@@ -43,7 +47,8 @@ class Exploration:
 
 
 def deterministic_schedule(num_worlds: int, share: float) -> torch.Tensor:
-    """(N,) probability that a world samples its action: 1 - exp(k (i/(N-1) - 1)), k such that the mean is 1 - ``share``.
+    """(N,) probability that a world samples its action: 1 - exp(k (i/(N-1) - 1)), k such that the
+    mean is 1 - ``share``.
 
     The original fixes k = 10, a mean deterministic share of 0.1 (facts 4); 0 turns it off.
     """

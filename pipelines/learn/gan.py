@@ -17,14 +17,16 @@ class GanConfig:
 
     Attributes:
         hidden: widths of the hidden layers.
-        noise: std of the instance noise (Arjovsky & Bottou, 2017) on normalised transitions of both kinds. Without it
-            the jitter of exploration alone tells the policy from any demonstration.
+        noise: std of the instance noise (Arjovsky & Bottou, 2017) on normalised transitions of both
+            kinds. Without it the jitter of exploration alone tells the policy from any
+            demonstration.
         samples: noises per transition; its logit is their mean.
-        gradient_penalty: the original's is 5 (facts 4). Here the logits then stay within 0.1 of zero, and the encoder's
-            reward drowns the imitation reward: see the log in the README.
+        gradient_penalty: the original's is 5 (facts 4). Here the logits then stay within 0.1 of
+            zero, and the encoder's reward drowns the imitation reward: see the log in the README.
         logit_decay: on the weights of the last layer.
-        max_accuracy: of demonstrations and policy together, beyond which it does not learn (``discriminator.py``). A policy that
-            only stands is told from clips that stand for a fifth of the time with 89 %: held back at 75 %, it may go on standing.
+        max_accuracy: of demonstrations and policy together, beyond which it does not learn
+            (``discriminator.py``). A policy that only stands is told from clips that stand for a
+            fifth of the time with 89 %: held back at 75 %, it may go on standing.
     """
 
     hidden: tuple[int, ...] = (256, 128)
@@ -36,7 +38,9 @@ class GanConfig:
 
 
 class GanDiscriminator(nn.Module):
-    """D(s_t, s_t+1) = sigmoid(MLP), trained by cross-entropy with a gradient penalty on demonstrations."""
+    """D(s_t, s_t+1) = sigmoid(MLP), trained by cross-entropy with a gradient penalty on
+    demonstrations.
+    """
 
     def __init__(self, transition_dim: int, config: GanConfig) -> None:
         """Build the network for transitions of ``transition_dim`` = 2F numbers."""

@@ -15,7 +15,9 @@ def project(unnormalized: torch.Tensor) -> torch.Tensor:
 
 
 def sample_latents(count: int, dim: int, draw: torch.Generator) -> torch.Tensor:
-    """(count, dim) uniform on the unit sphere: a normalised standard Gaussian, on the generator's device."""
+    """(count, dim) uniform on the unit sphere: a normalised standard Gaussian, on the generator's
+    device.
+    """
     return project(torch.randn(count, dim, generator=draw, device=draw.device))
 
 
@@ -23,8 +25,10 @@ def latent_usage(chosen: torch.Tensor) -> dict[str, float]:
     """How much of the sphere the chosen latents (n, d), unit vectors, make use of.
 
     Returns:
-        ``latent_resultant``: length of their mean, 1 when always the same is chosen, near 0 when they cancel out;
-        ``latent_directions``: exp of the entropy of the eigenvalues of E[z z'], from 1 (one line) to d (all alike).
+        ``latent_resultant``: length of their mean, 1 when always the same is chosen, near 0 when
+            they cancel out;
+        ``latent_directions``: exp of the entropy of the eigenvalues of E[z z'], from 1 (one line)
+            to d (all alike).
     """
     moment = chosen.double().T @ chosen.double() / len(chosen)
     weights = torch.linalg.eigvalsh(moment).clamp_min(1e-12)
@@ -44,8 +48,9 @@ class LatentConfig:
         dim: dimension of z.
         min_steps: fewest control steps for which one is held.
         max_steps: most of them.
-        wander: steps of the slowest and of the fastest wandering latent, the standard deviation of what is added to the unit
-            vector. At 0.03 a skill lasts, at 1 the skills blur into something that is none of them: a high level does both.
+        wander: steps of the slowest and of the fastest wandering latent, the standard deviation of
+            what is added to the unit vector. At 0.03 a skill lasts, at 1 the skills blur into
+            something that is none of them: a high level does both.
         wander_steps: control steps between two such steps.
         jump: share of the steps that lead anywhere instead.
     """
@@ -59,9 +64,11 @@ class LatentConfig:
 
 
 class LatentSchedule:
-    """The latent of every world: held for a random while, new at every reset; all uniform on the sphere.
+    """The latent of every world: held for a random while, new at every reset; all uniform on the
+    sphere.
 
-    Those of the worlds that wander move on in steps, each world in its own, as under a high level that makes up its mind.
+    Those of the worlds that wander move on in steps, each world in its own, as under a high level
+    that makes up its mind.
     """
 
     def __init__(
@@ -93,7 +100,8 @@ class LatentSchedule:
         self.remaining -= 1
         worlds = select(done | (self.remaining <= 0))
         if len(worlds):
-            # A new tensor: the old latents may still be referenced by the transition being recorded.
+            # A new tensor: the old latents may still be referenced by the transition being
+            # recorded.
             self.z = self.z.clone()
             put(self.z, worlds, self._next(worlds, done))
             put(self.remaining, worlds, self._durations(worlds))

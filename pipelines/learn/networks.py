@@ -1,4 +1,6 @@
-"""Actors and critics on rsl_rl's MLP model: normaliser, network and Gaussian head in one exportable module."""
+"""Actors and critics on rsl_rl's MLP model: normaliser, network and Gaussian head in one exportable
+module.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from tensordict import TensorDict
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Hidden layers of actor and critic, activation, and the first exploration std [raw action units]."""
+    """Hidden layers of actor and critic, activation, and the first exploration std [raw action
+    units].
+    """
 
     actor: tuple[int, ...] = (256, 128, 64)
     critic: tuple[int, ...] = (256, 128, 64)
@@ -21,9 +25,11 @@ class NetworkConfig:
 
 
 def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> MLPModel:
-    """Actor over the concatenated observation groups ``sizes`` (name -> width), ``actions`` outputs, Gaussian.
+    """Actor over the concatenated observation groups ``sizes`` (name -> width), ``actions``
+    outputs, Gaussian.
 
-    Only the group ``policy`` should be unbounded; latents are unit vectors, the normaliser treats all alike.
+    Only the group ``policy`` should be unbounded; latents are unit vectors, the normaliser treats
+    all alike.
     """
     distribution = {
         "class_name": "GaussianDistribution",
@@ -58,7 +64,9 @@ def set_std(actor: MLPModel, std: float) -> None:
 
 
 def geometric(ends: tuple[float, float], share: float) -> float:
-    """Geometric interpolation from the first to the second value as ``share`` goes from 0 to 1; clamped outside."""
+    """Geometric interpolation from the first to the second value as ``share`` goes from 0 to 1;
+    clamped outside.
+    """
     share = min(max(share, 0.0), 1.0)
     return float(ends[0] ** (1.0 - share) * ends[1] ** share)
 

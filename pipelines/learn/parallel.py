@@ -1,8 +1,10 @@
-"""One training over several processes, started by ``torchrun``: what they agree on. With one process nothing happens.
+"""One training over several processes, started by ``torchrun``: what they agree on. With one
+process nothing happens.
 
-Every process has its share of the worlds and of each batch, and its own seed. Gradients (rsl_rl's own reduction),
-normalisers (rsl_rl's synchronise themselves), advantages, learning rate and the constraints' scales are those of all, so
-that all have the same weights after every step. NCCL between GPUs, gloo between CPUs.
+Every process has its share of the worlds and of each batch, and its own seed. Gradients (rsl_rl's
+own reduction), normalisers (rsl_rl's synchronise themselves), advantages, learning rate and the
+constraints' scales are those of all, so that all have the same weights after every step. NCCL
+between GPUs, gloo between CPUs.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ Shared = TypeVar("Shared")
 BUCKET_MB = 25.0
 """Most that is sent in one message; rsl_rl's default."""
 SEED_STEP = 1_000_003
-"""Between the seeds of two processes: far more than the few consecutive seeds that one of them uses."""
+"""Between the seeds of two processes: far more than the few consecutive seeds that one of them
+uses.
+"""
 
 
 def wanted(environment: Mapping[str, str] = os.environ) -> int:
@@ -32,7 +36,9 @@ def wanted(environment: Mapping[str, str] = os.environ) -> int:
 
 @contextmanager
 def group(device: str) -> Iterator[None]:
-    """Join the group that torchrun's environment describes, and on ``cuda`` take the GPU of this process's place."""
+    """Join the group that torchrun's environment describes, and on ``cuda`` take the GPU of this
+    process's place.
+    """
     if wanted() == 1:
         yield
         return
@@ -78,7 +84,9 @@ def own_seed(seed: int) -> int:
 
 
 def average(tensor: torch.Tensor) -> torch.Tensor:
-    """Mean over all processes of a tensor that every one of them has; the tensor itself when there is one."""
+    """Mean over all processes of a tensor that every one of them has; the tensor itself when there
+    is one.
+    """
     if size() == 1:
         return tensor
     total = tensor.clone()
@@ -96,7 +104,9 @@ def maximum(tensor: torch.Tensor) -> torch.Tensor:
 
 
 def mean_and_std(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Mean and (unbiased) standard deviation of the values (n,) of all processes, whose n may differ."""
+    """Mean and (unbiased) standard deviation of the values (n,) of all processes, whose n may
+    differ.
+    """
     if size() == 1:
         return values.mean(), values.std()
     sums = torch.stack((values.sum(), torch.full_like(values.sum(), float(len(values)))))
@@ -123,7 +133,9 @@ def copy_from_first(*modules: torch.nn.Module) -> None:
 
 
 def from_first(value: Shared | None) -> Shared:
-    """The first process's value (anything that can be pickled), wherever this is called; others pass None."""
+    """The first process's value (anything that can be pickled), wherever this is called; others
+    pass None.
+    """
     if size() == 1:
         return value
     box: list[Any] = [value]
@@ -132,7 +144,9 @@ def from_first(value: Shared | None) -> Shared:
 
 
 def any_process(flag: bool, device: str) -> bool:
-    """Whether any process raises the flag: all of them then do what follows from it at the same moment."""
+    """Whether any process raises the flag: all of them then do what follows from it at the same
+    moment.
+    """
     if size() == 1:
         return flag
     return bool(maximum(torch.tensor(float(flag), device=device)))

@@ -1,7 +1,9 @@
-"""PPO on rsl_rl's models and storage, with soft terminations, true time-outs and a deterministic share of worlds.
+"""PPO on rsl_rl's models and storage, with soft terminations, true time-outs and a deterministic
+share of worlds.
 
-rsl_rl stores ``dones`` as bytes and bootstraps time-outs from the state *before* the last step; this subclass keeps its own
-float buffers and evaluates the true next state instead. Everything it learns from is taken before a reset.
+rsl_rl stores ``dones`` as bytes and bootstraps time-outs from the state *before* the last step;
+this subclass keeps its own float buffers and evaluates the true next state instead. Everything it
+learns from is taken before a reset.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ from lacoloco.pipelines.learn.returns import advantages
 from lacoloco.pipelines.worlds import pick, put, select
 
 EXPLORE = "explore"
-"""Observation group (N, 1): factor on the std that this step's action was sampled with, 0 where it was the mean."""
+"""Observation group (N, 1): factor on the std that this step's action was sampled with, 0 where it
+was the mean.
+"""
 
 
 @dataclass(frozen=True)
@@ -29,14 +33,17 @@ class PpoConfig:
 
     Attributes:
         horizon: control steps per world and iteration.
-        desired_kl: the actor's learning rate is moved by 1.5 to keep the KL of each minibatch near this; a trainer may lower
-            it on the way (``Ppo.desired_kl``).
-        critic_learning_rate: fixed; the critic has its own rate because its loss says nothing about the KL.
+        desired_kl: the actor's learning rate is moved by 1.5 to keep the KL of each minibatch near
+            this; a trainer may lower it on the way (``Ppo.desired_kl``).
+        critic_learning_rate: fixed; the critic has its own rate because its loss says nothing about
+            the KL.
         bound: soft limit on |mean action|, with weight ``bound_weight`` (facts 4).
-        deterministic_share: mean share of steps with the mean action; world i acts on its mean with a fixed probability
-            that rises from 0 to 1 over the worlds (facts 4, eps-greedy), so that the mean is trained to work alone.
-        spell: mean number of steps until a world decides anew whether to sample. In long spells the mean gets into whatever
-            it gets into by itself, a standstill above all, and exploration then begins there.
+        deterministic_share: mean share of steps with the mean action; world i acts on its mean with
+            a fixed probability that rises from 0 to 1 over the worlds (facts 4, eps-greedy), so
+            that the mean is trained to work alone.
+        spell: mean number of steps until a world decides anew whether to sample. In long spells the
+            mean gets into whatever it gets into by itself, a standstill above all, and exploration
+            then begins there.
     """
 
     horizon: int = 32
@@ -60,7 +67,9 @@ class PpoConfig:
 
 
 class Ppo(PPO):
-    """rsl_rl's PPO with :func:`~lacoloco.pipelines.learn.returns.advantages` and one auxiliary loss hook."""
+    """rsl_rl's PPO with :func:`~lacoloco.pipelines.learn.returns.advantages` and one auxiliary loss
+    hook.
+    """
 
     def __init__(
         self,
@@ -101,7 +110,9 @@ class Ppo(PPO):
         )
         self.desired_kl = config.desired_kl
         self.actor_learns = True
-        """False leaves the actor as it is, for as long as the critic's advantages would only harm it."""
+        """False leaves the actor as it is, for as long as the critic's advantages would only harm
+        it.
+        """
         shape = (config.horizon, num_worlds)
         self.delta, self.next_values = (
             torch.zeros(shape, device=device),
@@ -110,7 +121,9 @@ class Ppo(PPO):
         self.done = torch.zeros(shape, dtype=torch.bool, device=device)
 
     def act(self, obs: TensorDict) -> torch.Tensor:
-        """(N, A) actions for observations (N rows), each sampled as far from the mean as this world explores now."""
+        """(N, A) actions for observations (N rows), each sampled as far from the mean as this world
+        explores now.
+        """
         scale = self.exploration.advance()
         obs[EXPLORE] = scale[:, None]
         with torch.no_grad():
@@ -154,14 +167,16 @@ class Ppo(PPO):
     def warm_up(self, observations: TensorDict) -> None:
         """Fit the normalisers to observations (n rows) before the first rollout.
 
-        Otherwise the first update learns on raw observations, and the statistics that follow it change the policy more
-        than any gradient did.
+        Otherwise the first update learns on raw observations, and the statistics that follow it
+        change the policy more than any gradient did.
         """
         self.actor.update_normalization(observations)
         self.critic.update_normalization(observations)
 
     def compute_returns(self, obs: TensorDict) -> None:
-        """Fill returns and advantages; ``obs`` are the observations that the next rollout starts from."""
+        """Fill returns and advantages; ``obs`` are the observations that the next rollout starts
+        from.
+        """
         storage = self.storage
         values = storage.values.squeeze(-1)
         with torch.no_grad():
@@ -191,7 +206,9 @@ class Ppo(PPO):
         return None
 
     def update(self) -> dict[str, float]:
-        """Several epochs over shuffled minibatches of all worlds (facts 9.2, B10); returns mean figures."""
+        """Several epochs over shuffled minibatches of all worlds (facts 9.2, B10); returns mean
+        figures.
+        """
         config, totals, count = self.config, {}, 0
         for batch in self.storage.mini_batch_generator(config.minibatches, config.epochs):
             loss, figures = self._loss(batch)
@@ -281,7 +298,9 @@ class Ppo(PPO):
         return kl
 
     def _set_learning_rate(self, rate: float | torch.Tensor) -> None:
-        """The actor's rate is a 0-d tensor where it is used, so that adapting it never waits for a GPU."""
+        """The actor's rate is a 0-d tensor where it is used, so that adapting it never waits for a
+        GPU.
+        """
         on_gpu = self.optimizer.param_groups[0]["params"][0].is_cuda
         precision = torch.float32 if on_gpu else torch.float64  # what the fused kernels take
         self.learning_rate = torch.as_tensor(rate, dtype=precision, device=self.device)
@@ -293,7 +312,9 @@ class Ppo(PPO):
 
 
 def _scaled(std: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-    """(n, A) std times the factors (n,); where the mean itself was taken any will do, it has no weight."""
+    """(n, A) std times the factors (n,); where the mean itself was taken any will do, it has no
+    weight.
+    """
     return std * torch.where(scale > 0.0, scale, 1.0)[:, None]
 
 

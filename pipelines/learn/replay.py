@@ -5,11 +5,15 @@ from __future__ import annotations
 import torch
 
 STATE_BYTES = 8 << 20
-"""At most so much of a memory goes into a checkpoint, which has to travel; 30 000 transitions of Solo12."""
+"""At most so much of a memory goes into a checkpoint, which has to travel; 30 000 transitions of
+Solo12.
+"""
 
 
 class ReplayBuffer:
-    """Keeps ``capacity`` transitions (2F numbers each); once full, each newcomer overwrites a random slot."""
+    """Keeps ``capacity`` transitions (2F numbers each); once full, each newcomer overwrites a
+    random slot.
+    """
 
     def __init__(
         self, capacity: int, transition_dim: int, *, seed: int, device: torch.device | str = "cpu"
@@ -35,7 +39,9 @@ class ReplayBuffer:
         return self.data[rows]
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """Contents and generator; of a large memory every second, third, ... transition, so a fair sample of it."""
+        """Contents and generator; of a large memory every second, third, ... transition, so a fair
+        sample of it.
+        """
         row_bytes = self.data.shape[1] * self.data.element_size()
         stride = max(1, -(-self.size * row_bytes // STATE_BYTES))
         return {"data": self.data[: self.size : stride], "draw": self.draw.get_state()}

@@ -1,4 +1,6 @@
-"""Generalised advantage estimation with soft terminations (paper eq. of CaT; Schulman et al. 2016)."""
+"""Generalised advantage estimation with soft terminations (paper eq. of CaT; Schulman et al.
+2016).
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,11 @@ def advantages(
 ) -> torch.Tensor:
     """GAE over (T, N) tensors.
 
-    A constraint's termination probability ``delta`` discounts everything that follows, value and trace alike, by
-    gamma (1 - delta): the reward of step t itself must already carry its own factor (1 - delta_t). A reset (``done``)
-    only cuts the trace; whether there is a future is in ``next_values``: the true next state's value, also at a
-    time-out (so it bootstraps), and zero after a fall.
+    A constraint's termination probability ``delta`` discounts everything that follows, value and
+    trace alike, by gamma (1 - delta): the reward of step t itself must already carry its own factor
+    (1 - delta_t). A reset (``done``) only cuts the trace; whether there is a future is in
+    ``next_values``: the true next state's value, also at a time-out (so it bootstraps), and zero
+    after a fall.
 
     Args:
         rewards: r_t, already scaled by 1 - delta_t.

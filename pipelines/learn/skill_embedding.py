@@ -1,9 +1,11 @@
-"""A latent for every piece of a clip: what the policy's latents mean before any skill was discovered.
+"""A latent for every piece of a clip: what the policy's latents mean before any skill was
+discovered.
 
-The paper's latents mean nothing at first; skill discovery gives them a meaning while the policy learns to move at all.
-With recorded clips the two can be separated: a window of a clip is mapped to the sphere together with a policy that must
-recover the clip's actions from it (a conditional autoencoder), and the latents are kept uniform, because uniform ones are
-what the policy will be given. Discovery then goes on from there.
+The paper's latents mean nothing at first; skill discovery gives them a meaning while the policy
+learns to move at all. With recorded clips the two can be separated: a window of a clip is mapped to
+the sphere together with a policy that must recover the clip's actions from it (a conditional
+autoencoder), and the latents are kept uniform, because uniform ones are what the policy will be
+given. Discovery then goes on from there.
 """
 
 from __future__ import annotations
@@ -24,8 +26,8 @@ class WindowConfig:
 
     Attributes:
         steps: length of a window in control steps.
-        ahead: the latent of a window stands for every moment of its first ``ahead`` steps, so that it says what is being
-            done and not at which phase of a stride.
+        ahead: the latent of a window stands for every moment of its first ``ahead`` steps, so that
+            it says what is being done and not at which phase of a stride.
         frames: equally spaced frames of a window that are looked at.
         hidden: widths of the embedding's hidden layers.
     """
@@ -38,7 +40,9 @@ class WindowConfig:
 
 @dataclass(frozen=True)
 class Timeline:
-    """Style frames of all clips in a row: (M, F), and the row of the last frame of the clip that each belongs to (M,)."""
+    """Style frames of all clips in a row: (M, F), and the row of the last frame of the clip that
+    each belongs to (M,).
+    """
 
     frames: torch.Tensor
     last: torch.Tensor
@@ -60,12 +64,15 @@ class SkillEmbedding(nn.Module):
         self.mlp = MLP(width, latent_dim, list(config.hidden), "elu").to(frames.device)
 
     def forward(self, starts: torch.Tensor) -> torch.Tensor:
-        """(n,) rows at which windows begin -> (n, dim) latents; a window that leaves its clip repeats the last frame."""
+        """(n,) rows at which windows begin -> (n, dim) latents; a window that leaves its clip
+        repeats the last frame.
+        """
         rows = torch.minimum(starts[:, None] + self._offsets, self._last[starts][:, None])
         return project(self.mlp(self._normalized[rows].flatten(1)))
 
     def moments(self, starts: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
-        """(n,) rows, each drawn from the moments for which the latent of the window at ``starts`` stands.
+        """(n,) rows, each drawn from the moments for which the latent of the window at ``starts``
+        stands.
 
         The last frame of a clip is never among them: every moment has a next frame.
         """
@@ -76,7 +83,9 @@ class SkillEmbedding(nn.Module):
 
 
 class LabelledTransitions:
-    """Demonstrated transitions with the latents of their windows, for a skill encoder to agree with."""
+    """Demonstrated transitions with the latents of their windows, for a skill encoder to agree
+    with.
+    """
 
     def __init__(
         self, timeline: Timeline, embedding: SkillEmbedding, starts: Callable[[int], torch.Tensor]
@@ -93,8 +102,10 @@ class LabelledTransitions:
 
 
 def uniformity(z: torch.Tensor) -> torch.Tensor:
-    """Scalar log E exp(-2 |z - z'|^2) over pairs of (n, dim) unit vectors: least for the uniform distribution.
+    """Scalar log E exp(-2 |z - z'|^2) over pairs of (n, dim) unit vectors: least for the uniform
+    distribution.
 
-    Wang & Isola, "Understanding Contrastive Representation Learning through Alignment and Uniformity" (2020).
+    Wang & Isola, "Understanding Contrastive Representation Learning through Alignment and
+    Uniformity" (2020).
     """
     return torch.pdist(z).square().mul(-2.0).exp().mean().log()

@@ -8,7 +8,9 @@ from lacoloco.pipelines.learn import parallel
 
 
 class Tally:
-    """Adds figures up where they are computed, in double precision; reading them is the only wait for a GPU."""
+    """Adds figures up where they are computed, in double precision; reading them is the only wait
+    for a GPU.
+    """
 
     def __init__(self) -> None:
         """Start with nothing."""
@@ -22,7 +24,9 @@ class Tally:
                 self._sums[name] = value.detach().double() if old is None else old + value.detach()
 
     def read(self) -> dict[str, float]:
-        """All sums, in one transfer; their mean over the processes of a training, all of which must ask."""
+        """All sums, in one transfer; their mean over the processes of a training, all of which must
+        ask.
+        """
         if not self._sums:
             return {}
         return dict(

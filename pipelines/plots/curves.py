@@ -1,4 +1,6 @@
-"""The curves of all trainings of a run as one picture: a section per stage, a panel per kind of figure."""
+"""The curves of all trainings of a run as one picture: a section per stage, a panel per kind of
+figure.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Which figures of a training belong into one panel, in which unit, and what to compare them with."""
+"""Which figures of a training belong into one panel, in which unit, and what to compare them
+with.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Line:
-    """One figure: its name in the log (a trailing ``*`` takes all that begin so), its label, and a factor to the unit."""
+    """One figure: its name in the log (a trailing ``*`` takes all that begin so), its label, and a
+    factor to the unit.
+    """
 
     figure: str
     label: str = ""

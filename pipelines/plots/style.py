@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 from lacoloco.pipelines.errors import StageError
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31", "#000000")
-"""Okabe and Ito's palette, which readers of every colour vision tell apart; its yellow is too pale for lines."""
+"""Okabe and Ito's palette, which readers of every colour vision tell apart; its yellow is too pale
+for lines.
+"""
 DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (5, 1, 1, 1)), (0, (8, 2)))
 GREY = "0.45"
 STYLE = {

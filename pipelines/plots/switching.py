@@ -1,4 +1,6 @@
-"""One episode of the reach task, skill by skill, above what all episodes do: the paper's figures of skill switching."""
+"""One episode of the reach task, skill by skill, above what all episodes do: the paper's figures of
+skill switching.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ HEIGHTS = (1.5, 0.3, 1.1, 1.1, 0.9, 0.9)
 def draw_switching(
     file: Path, found: Switching, played: ReachRecording, shown: int, feet: Sequence[str]
 ) -> None:
-    """Draw latent, nearest clip, distances, error and contacts of episode ``shown``, and the skills of all episodes.
+    """Draw latent, nearest clip, distances, error and contacts of episode ``shown``, and the skills
+    of all episodes.
 
     Raises:
         StageError: the picture cannot be written.

@@ -7,7 +7,9 @@ import numpy as np
 LEAST_SLACK = 0.01
 """m or rad; slack to begin with where a bound is near or broken."""
 LEAST_MULTIPLIER = 0.1
-"""To begin with. That of the barrier alone is so weak far from a bound that first steps run into it."""
+"""To begin with. That of the barrier alone is so weak far from a bound that first steps run into
+it.
+"""
 TO_BOUNDARY = 0.99
 """Share of the way to where a slack or a multiplier would vanish that a step may go."""
 

@@ -1,9 +1,11 @@
-"""A recording on a bent course: who walked straight on walks a curve, and what stood on the ground still stands.
+"""A recording on a bent course: who walked straight on walks a curve, and what stood on the ground
+still stands.
 
-Recordings of animals turn little, and a policy that learned from them turns no faster. The whole plane is bent along the
-animal's course, as a strip of paper is: a point keeps how far along and beside the course it is. That does not depend on
-time, so a paw that stands is not moved; trunk and neck follow the curve, limbs keep their heights. Only where an animal
-turns back on its own track do the two tracks part, and what stands between them jumps.
+Recordings of animals turn little, and a policy that learned from them turns no faster. The whole
+plane is bent along the animal's course, as a strip of paper is: a point keeps how far along and
+beside the course it is. That does not depend on time, so a paw that stands is not moved; trunk and
+neck follow the curve, limbs keep their heights. Only where an animal turns back on its own track do
+the two tracks part, and what stands between them jumps.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ STEP = 0.02
 
 @dataclass(frozen=True)
 class Course:
-    """G points along a curve in the plane, ``STEP`` apart by arc length, and beyond its ends straight on."""
+    """G points along a curve in the plane, ``STEP`` apart by arc length, and beyond its ends
+    straight on.
+    """
 
     points: np.ndarray
     """(G, 2) m."""
@@ -50,7 +54,8 @@ class Course:
 
         Args:
             points: m.
-            near: (T, W) indices of the course among which the nearest point of it is looked for: a course may cross itself.
+            near: (T, W) indices of the course among which the nearest point of it is looked for: a
+                course may cross itself.
             to: with as many points.
 
         Returns:
@@ -61,7 +66,8 @@ class Course:
         along, beside = self._parts(points, nearest)
         other = np.clip(nearest + np.where(along >= 0, 1, -1), 0, len(self.points) - 1)
         further, _ = self._parts(points, other)
-        # between the two whose normals have the point on different sides, so that nothing jumps from one to the next
+        # between the two whose normals have the point on different sides, so that nothing jumps
+        # from one to the next
         between = along * further < 0
         share = np.where(between, along / np.where(between, along - further, 1.0), 0.0)[:, None]
         carried = (1 - share) * self._rigidly(points, nearest, to) + share * self._rigidly(
@@ -70,7 +76,9 @@ class Course:
         return carried, beside
 
     def _parts(self, points: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far ahead of and to the left of the course's points ``at`` (T,) the points (T, 2) are."""
+        """How far ahead of and to the left of the course's points ``at`` (T,) the points (T, 2)
+        are.
+        """
         away = _rotate(points - self.points[at], -self.angles[at])
         return away[:, 0], away[:, 1]
 
@@ -80,7 +88,8 @@ class Course:
 
 
 def bent(mocap: Mocap, curvature: float) -> Mocap:
-    """A recording on a course that is bent to the left everywhere by ``curvature`` [1/m] more than it is.
+    """A recording on a course that is bent to the left everywhere by ``curvature`` [1/m] more than
+    it is.
 
     A recording that goes nowhere stays as it is.
 
@@ -111,14 +120,17 @@ def bent(mocap: Mocap, curvature: float) -> Mocap:
         widest = float((beside * np.sign(curvature)).max())
         if widest * abs(curvature) >= 1.0:
             raise DatasetError(
-                f"{mocap.name}: bent by {curvature:g}/m, the centre of the curve would lie within the animal; use at most"
+                f"{mocap.name}: bent by {curvature:g}/m, the centre of the curve would lie within "
+                "the animal; use at most"
                 f" {0.9 / widest:.2g}"
             )
     return replace(mocap, positions=positions)
 
 
 def _travelled(centre: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """How far (T,) [m] a centre (T, 2) has come and in which direction (T,) [rad] it goes; None if it never moves."""
+    """How far (T,) [m] a centre (T, 2) has come and in which direction (T,) [rad] it goes; None if
+    it never moves.
+    """
     if len(centre) < 2:
         return None
     velocity = np.gradient(centre, 1 / fps, axis=0)

@@ -1,7 +1,8 @@
-"""Retargeting of whole clips: feet planted where the paws stand, everything else as close and smooth.
+"""Retargeting of whole clips: feet planted where the paws stand, everything else as close and
+smooth.
 
-The clip is one sparse program (clips of many minutes: overlapping stretches of one), solved first on
-every few frames and then on all of them.
+The clip is one sparse program (clips of many minutes: overlapping stretches of one), solved first
+on every few frames and then on all of them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""What one frame of a clip adds to the problem of the whole clip, with first and second derivatives.
+"""What one frame of a clip adds to the problem of the whole clip, with first and second
+derivatives.
 
 CasADi would derive the problem of a whole clip by itself, but coloured Jacobians of thousands of
 frames cost more than the solution. One frame is derived once, symbolically, and evaluated for all.

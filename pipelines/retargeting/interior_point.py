@@ -14,7 +14,9 @@ from lacoloco.pipelines.retargeting.frame_functions import FrameFunctions
 from lacoloco.pipelines.retargeting.stretch import Stretch
 
 MU, ROUGH_MU = 1e-5, 1e-3
-"""Product of slack and multiplier at the solution, m^2; of one that is only the next one's guess."""
+"""Product of slack and multiplier at the solution, m^2; of one that is only the next one's
+guess.
+"""
 ITERATIONS = 40
 CHANGE = 4e-3
 """Relative change of the cost, per whole step, at which the iterations end. Animals that sit or lie

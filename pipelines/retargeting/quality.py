@@ -131,7 +131,9 @@ def effort_quality(torque_share: np.ndarray, missing_share: np.ndarray) -> dict[
 
 
 def horizontal_speed(course: np.ndarray, fps: float) -> np.ndarray:
-    """Speed (T,) along the ground of a point (T, 3), m/s, without what shakes faster than 0.05 s."""
+    """Speed (T,) along the ground of a point (T, 3), m/s, without what shakes faster than 0.05
+    s.
+    """
     if len(course) < 2:
         return np.zeros(len(course))
     velocity = smooth(np.gradient(course[:, :2], 1 / fps, axis=0), 0.05 * fps)

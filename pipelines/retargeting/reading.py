@@ -1,4 +1,6 @@
-"""From a file to the motion that is retargeted: axes, units, part, rate, mirror image, and course."""
+"""From a file to the motion that is retargeted: axes, units, part, rate, mirror image, and
+course.
+"""
 
 from __future__ import annotations
 

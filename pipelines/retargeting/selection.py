@@ -1,4 +1,6 @@
-"""Selections: which recordings of a dataset are used, and which part of each; one TOML file each."""
+"""Selections: which recordings of a dataset are used, and which part of each; one TOML file
+each.
+"""
 
 from __future__ import annotations
 

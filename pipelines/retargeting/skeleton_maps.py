@@ -1,4 +1,6 @@
-"""Which joints of a recording belong to which frames of a robot: data, one TOML file per skeleton."""
+"""Which joints of a recording belong to which frames of a robot: data, one TOML file per
+skeleton.
+"""
 
 from __future__ import annotations
 

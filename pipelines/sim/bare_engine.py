@@ -1,4 +1,6 @@
-"""The physics engine without anything around it: what the speed of an environment is compared with."""
+"""The physics engine without anything around it: what the speed of an environment is compared
+with.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,16 @@ class BareEngine(Protocol):
 
 
 def bare_engine(physics: Physics) -> BareEngine:
-    """The engine of ``physics``: MuJoCo's native batch alone on the CPU, elsewhere ``physics`` itself."""
+    """The engine of ``physics``: MuJoCo's native batch alone on the CPU, elsewhere ``physics``
+    itself.
+    """
     return BareBatch(physics) if isinstance(physics, BatchPhysics) else PhysicsAlone(physics)
 
 
 class BareBatch:
-    """The native batch on the same model and state: shared parameters, no sensor read, no tensor made."""
+    """The native batch on the same model and state: shared parameters, no sensor read, no tensor
+    made.
+    """
 
     def __init__(self, physics: BatchPhysics) -> None:
         """Allocate as many worlds."""

@@ -1,4 +1,6 @@
-"""How many contacts and constraint rows a robot can need, found by throwing it at the floor in many poses."""
+"""How many contacts and constraint rows a robot can need, found by throwing it at the floor in many
+poses.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ CONTACTS, CONSTRAINTS = "LACOLOCO_WARP_NCONMAX", "LACOLOCO_WARP_NJMAX"
 
 @dataclass(frozen=True)
 class Capacity:
-    """Room for ``contacts`` (a mean: all worlds share one pool) and ``constraints`` rows (a hard limit) per world."""
+    """Room for ``contacts`` (a mean: all worlds share one pool) and ``constraints`` rows (a hard
+    limit) per world.
+    """
 
     contacts: int
     constraints: int
@@ -31,10 +35,11 @@ class Capacity:
 
 
 def find_capacity(model: mujoco.MjModel, seed: int = 0) -> Capacity:
-    """Probe a model of a robot and a floor with random poses at random heights, joints also beyond their limits.
+    """Probe a model of a robot and a floor with random poses at random heights, joints also beyond
+    their limits.
 
-    Contacts and constraint rows are counted by the C engine, whose collision functions Warp ports; half as much again is
-    added to the worst count.
+    Contacts and constraint rows are counted by the C engine, whose collision functions Warp ports;
+    half as much again is added to the worst count.
 
     Raises:
         StageError: an override is not a positive whole number.

@@ -15,7 +15,9 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class VelocityCommand:
-    """Planar velocity in the base's heading: uniform ranges [m/s, m/s, rad/s]; a share of worlds is told to stand."""
+    """Planar velocity in the base's heading: uniform ranges [m/s, m/s, rad/s]; a share of worlds is
+    told to stand.
+    """
 
     forward: Range
     lateral: Range
@@ -35,10 +37,12 @@ class VelocityCommand:
 
 @dataclass(frozen=True)
 class TargetCommand:
-    """A world point for the end effector: either a box or, when ``radius`` is set, an upright cylinder's shell.
+    """A world point for the end effector: either a box or, when ``radius`` is set, an upright
+    cylinder's shell.
 
-    Ranges are metres relative to the point under the robot's base at reset; z is above the ground. A share ``near`` of the
-    targets is pulled towards that point by a uniform factor: practice in touching that does not begin with a walk.
+    Ranges are metres relative to the point under the robot's base at reset; z is above the ground.
+    A share ``near`` of the targets is pulled towards that point by a uniform factor: practice in
+    touching that does not begin with a walk.
     """
 
     z: Range

@@ -1,7 +1,9 @@
-"""Constraint functions for Constraints as Terminations: c > 0 is a violation (paper eq. for delta; facts 6.4).
+"""Constraint functions for Constraints as Terminations: c > 0 is a violation (paper eq. for delta;
+facts 6.4).
 
-Every function maps an environment after a step to an (N, k) tensor of signed margins in its own unit, one column per
-foot, joint or body. :mod:`lacoloco.pipelines.learn.cat` turns them into termination probabilities.
+Every function maps an environment after a step to an (N, k) tensor of signed margins in its own
+unit, one column per foot, joint or body. :mod:`lacoloco.pipelines.learn.cat` turns them into
+termination probabilities.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from lacoloco.pipelines.sim.world import World
 
 @dataclass(frozen=True)
 class Constraint:
-    """A named constraint, its limit in the function's unit, and the largest termination probability it may cause."""
+    """A named constraint, its limit in the function's unit, and the largest termination probability
+    it may cause.
+    """
 
     name: str
     limit: float
@@ -60,7 +64,9 @@ def base_tilt(env: World, limit: float) -> torch.Tensor:
 
 
 def air_time(env: World, limit: float) -> torch.Tensor:
-    """(N, F) seconds by which a foot's flight fell short of the limit, at its touch-down, while commanded to move."""
+    """(N, F) seconds by which a foot's flight fell short of the limit, at its touch-down, while
+    commanded to move.
+    """
     shortfall = (limit - env.feet.last_air_time) * env.feet.touch_down
     return shortfall * (env.command_speed() > 0.1)[:, None]
 
@@ -71,7 +77,9 @@ def stand_still(env: World, limit: float) -> torch.Tensor:
 
 
 def hip_deviation(env: World, limit: float) -> torch.Tensor:
-    """(N, H) hip abduction away from the default pose [rad] minus the limit, while no lateral speed is commanded."""
+    """(N, H) hip abduction away from the default pose [rad] minus the limit, while no lateral speed
+    is commanded.
+    """
     hips = env.hip_columns
     deviation = (env.state.joint_pos[:, hips] - env.default_joint_pos[hips]).abs() - limit
     return deviation * (env.command[:, 1].abs() < 0.1)[:, None]

@@ -17,7 +17,8 @@ ENGINE_VARIABLE = "LACOLOCO_PHYSICS"
 def make_physics(request: PhysicsRequest, device: str = "cpu") -> Physics:
     """Build the engine for a device: MuJoCo's native batch engine on the CPU, MuJoCo Warp on a GPU.
 
-    ``LACOLOCO_PHYSICS=warp`` takes Warp on the CPU too, where it is some ten times slower: for tests.
+    ``LACOLOCO_PHYSICS=warp`` takes Warp on the CPU too, where it is some ten times slower: for
+    tests.
 
     Raises:
         StageError: the device has no engine, or what it needs is not there.

@@ -1,8 +1,9 @@
-"""N robots in N worlds under one task: actions in, clean pre-reset transitions out. All torch, no loop over worlds.
+"""N robots in N worlds under one task: actions in, clean pre-reset transitions out. All torch, no
+loop over worlds.
 
-An environment never resets itself: :meth:`LeggedEnv.step` describes the step as it ended, the caller decides what to keep
-of it, then calls :meth:`LeggedEnv.reset`. So no transition, value or reward can ever be taken from the wrong side of a
-reset (facts 9.2, B2, B3, B8, B9).
+An environment never resets itself: :meth:`LeggedEnv.step` describes the step as it ended, the
+caller decides what to keep of it, then calls :meth:`LeggedEnv.reset`. So no transition, value or
+reward can ever be taken from the wrong side of a reset (facts 9.2, B2, B3, B8, B9).
 """
 
 from __future__ import annotations
@@ -62,7 +63,9 @@ class Step:
 
 
 class LeggedEnv:
-    """A robot under a task; ``state``, ``previous``, ``action`` and ``command`` are what the terms read."""
+    """A robot under a task; ``state``, ``previous``, ``action`` and ``command`` are what the terms
+    read.
+    """
 
     def __init__(
         self,
@@ -122,7 +125,9 @@ class LeggedEnv:
         return layouts.policy_terms(self.num_actions, self.task.joint_pos_noise, command)
 
     def step(self, action: torch.Tensor) -> Step:
-        """Apply raw actions (N, J) for one control step: joint targets = default pose + action scale x action."""
+        """Apply raw actions (N, J) for one control step: joint targets = default pose + action
+        scale x action.
+        """
         self.previous, self.previous_action, self.action = self.state, self.action, action
         if self._has_target:
             self.previous_target_error = self.target_error()
@@ -137,7 +142,8 @@ class LeggedEnv:
             fell |= self.state.gravity_b[:, 2] > -math.cos(self.task.fall_tilt)
         reward = self._reward()
         violations = {c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints}
-        # A broken world may report any force, and the constraints' running scales over all worlds would keep it.
+        # A broken world may report any force, and the constraints' running scales over all worlds
+        # would keep it.
         reward = reward.masked_fill(diverged, 0.0)
         violations = {
             name: margin.masked_fill(diverged[:, None], 0.0) for name, margin in violations.items()
@@ -153,7 +159,9 @@ class LeggedEnv:
         return style_frame(self.state)
 
     def observe(self) -> torch.Tensor:
-        """(N, width of ``terms``) the policy's view: style frame, last action, command; with the task's noise."""
+        """(N, width of ``terms``) the policy's view: style frame, last action, command; with the
+        task's noise.
+        """
         parts = [style_frame(self.state), self.action]
         if self.task.command is not None:
             parts.append(self.task.command.observe(self.command, self.state))
@@ -191,23 +199,29 @@ class LeggedEnv:
     def start_from(
         self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor, action: torch.Tensor
     ) -> None:
-        """Put worlds that have just been reset into other states: rows (K, 7 + J), (K, 6 + J), and last actions (K, J)."""
+        """Put worlds that have just been reset into other states: rows (K, 7 + J), (K, 6 + J), and
+        last actions (K, J).
+        """
         self.physics.reset(worlds, qpos, qvel)
         self._read()
         self.action = self.action.clone()
         put(self.action, worlds, action)
 
     def redraw(self, mask: torch.Tensor) -> None:
-        """Put other robots on other floors into the worlds of ``mask`` (N,) bool, where they are and as they move.
+        """Put other robots on other floors into the worlds of ``mask`` (N,) bool, where they are
+        and as they move.
 
-        Costs four tenths of a step for any number of them: for whoever began anew since the last call, now and then.
+        Costs four tenths of a step for any number of them: for whoever began anew since the last
+        call, now and then.
         """
         others = draw_parameters(self.task.randomisation, self.num_worlds, self.draw)
         self.parameters = self.parameters.replaced(mask, others)
         self.physics.set_parameters(self.parameters)
 
     def stagger(self) -> None:
-        """Spread the ages of the running episodes, so that time-outs do not all fall into the same iteration."""
+        """Spread the ages of the running episodes, so that time-outs do not all fall into the same
+        iteration.
+        """
         self.steps = (self._uniform(self.num_worlds) * self.episode_steps).long()
 
     def end_effector(self) -> torch.Tensor:

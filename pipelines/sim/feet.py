@@ -12,7 +12,9 @@ CONTACT_FORCE = 1.0
 
 
 class FootTimer:
-    """Which feet touch, which just touched down, and how long each was in the air before; all (N, F)."""
+    """Which feet touch, which just touched down, and how long each was in the air before; all (N,
+    F).
+    """
 
     def __init__(self, num_worlds: int, feet: int, device: torch.device) -> None:
         """Start with every foot on the ground."""
@@ -22,7 +24,9 @@ class FootTimer:
         self.last_air_time = torch.zeros_like(self.air_time)
 
     def update(self, force: torch.Tensor) -> None:
-        """Advance by one control step, given the norm of the contact force on each foot (N, F) [N]."""
+        """Advance by one control step, given the norm of the contact force on each foot (N, F)
+        [N].
+        """
         contact = force > CONTACT_FORCE
         self.touch_down = contact & ~self.contact
         self.last_air_time = torch.where(self.touch_down, self.air_time, self.last_air_time)

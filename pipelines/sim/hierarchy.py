@@ -1,4 +1,6 @@
-"""The high level's world: one latent in, five low-level control steps, one decision's outcome out (10 Hz)."""
+"""The high level's world: one latent in, five low-level control steps, one decision's outcome out
+(10 Hz).
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ class Decision:
     """What came of one latent in N worlds, before any reset.
 
     Attributes:
-        reward: (N,) mean task reward of the control steps lived through, 0 for those after a fall (facts 9.2, B9).
+        reward: (N,) mean task reward of the control steps lived through, 0 for those after a fall
+            (facts 9.2, B9).
         fell: (N,) bool.
         timed_out: (N,) bool.
         error: (N,) distance of the end effector from the target at the last step lived through [m].
@@ -47,7 +50,9 @@ class Decision:
 
 
 class LatentSteeredEnv:
-    """A reach environment driven through a frozen low level; ``low(obs (N, P), z (N, d)) -> actions (N, J)``."""
+    """A reach environment driven through a frozen low level; ``low(obs (N, P), z (N, d)) -> actions
+    (N, J)``.
+    """
 
     def __init__(
         self,
@@ -72,7 +77,9 @@ class LatentSteeredEnv:
         return torch.cat((full[:, : self._frame], full[:, self._low_width :], self.latent), dim=-1)
 
     def step(self, z: torch.Tensor, on_step: Callable[[LeggedEnv], None] | None = None) -> Decision:
-        """Hold unit latents (N, d) for five control steps; ``on_step`` sees the environment after each of them."""
+        """Hold unit latents (N, d) for five control steps; ``on_step`` sees the environment after
+        each of them.
+        """
         env, n = self.env, self.num_worlds
         alive = torch.ones(n, dtype=torch.bool, device=self.device)
         fell, timed_out = torch.zeros_like(alive), torch.zeros_like(alive)

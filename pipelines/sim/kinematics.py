@@ -1,6 +1,7 @@
 """World position of the end effector, from generalised coordinates, in torch.
 
-Both engines leave body positions one substep behind the state; this chain of hinges costs less than another pass.
+Both engines leave body positions one substep behind the state; this chain of hinges costs less than
+another pass.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from lacoloco.robots.spec import RobotSpec
 
 
 class EndEffectorChain:
-    """Forward kinematics of the joints between the base and the end effector (hinges through their body's origin)."""
+    """Forward kinematics of the joints between the base and the end effector (hinges through their
+    body's origin).
+    """
 
     def __init__(self, spec: RobotSpec, device: torch.device | str = "cpu") -> None:
         """Read the chain's fixed offsets, rotations and axes from the robot's model."""

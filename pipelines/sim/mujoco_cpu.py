@@ -1,4 +1,6 @@
-"""The CPU engine: MuJoCo 4's native multithreaded batch (bit-reproducible at any number of threads)."""
+"""The CPU engine: MuJoCo 4's native multithreaded batch (bit-reproducible at any number of
+threads).
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,8 @@ from lacoloco.robots.scene import compile_scene
 class BatchPhysics:
     """:class:`~lacoloco.pipelines.sim.physics.Physics` on ``mujoco.batch.Batch``.
 
-    Only generalised coordinates and sensors are read, and both are current after a step without a further forward pass:
-    kinematics and collision run four times per control step, not five.
+    Only generalised coordinates and sensors are read, and both are current after a step without a
+    further forward pass: kinematics and collision run four times per control step, not five.
     """
 
     def __init__(self, request: PhysicsRequest) -> None:
@@ -55,7 +57,8 @@ class BatchPhysics:
         """Hold joint targets (N, J) [rad] for one control step; see the contract."""
         self._ctrl[:] = targets.numpy()
         due = self._time + CONTROL_DT
-        # A dict of (N, S, ...) arrays, one row per substep, written in place from the second call on.
+        # A dict of (N, S, ...) arrays, one row per substep, written in place from the second call
+        # on.
         self._record = self._batch.rollout(
             SUBSTEPS, record=("sensordata", "actuator_force"), out=self._record
         )
@@ -63,8 +66,9 @@ class BatchPhysics:
         self.foot_force = torch.from_numpy(_norms(sensors, self._feet)).float()
         self.body_force = torch.from_numpy(_norms(sensors, self._bodies).max(axis=1)).float()
         self.torque = torch.from_numpy(self._record["actuator_force"][:, -1]).float()
-        # A world that MuJoCo resets starts its clock again from zero, and one that warns of anything, also of a target
-        # that is not a number, stops. The counters of warnings do not tell: they are reset with their world.
+        # A world that MuJoCo resets starts its clock again from zero, and one that warns of
+        # anything, also of a target that is not a number, stops. The counters of warnings do not
+        # tell: they are reset with their world.
         self.diverged = torch.from_numpy(np.abs(self._time - due) > 0.5 * PHYSICS_DT)
         self._refresh()
 
@@ -99,7 +103,9 @@ class BatchPhysics:
         self._batch.set_const()
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """Everything the engine needs to go on bit for bit: (N, nstate) float64 rows, warm starts included."""
+        """Everything the engine needs to go on bit for bit: (N, nstate) float64 rows, warm starts
+        included.
+        """
         return {"rows": torch.from_numpy(self._batch.state.copy())}
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
@@ -118,13 +124,17 @@ class BatchPhysics:
 
 
 def _own_threads() -> int:
-    """As many as torch may use where somebody has said so, as for jobs that share a machine; else 0, all cores."""
+    """As many as torch may use where somebody has said so, as for jobs that share a machine; else
+    0, all cores.
+    """
     told = os.environ.get("OMP_NUM_THREADS", "")
     return int(told) if told.isdecimal() else 0
 
 
 def _numbered(worlds: torch.Tensor, *values: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """A mask (N,) with N rows of values each, as numbers (K,) with K rows; numbers stay as they are."""
+    """A mask (N,) with N rows of values each, as numbers (K,) with K rows; numbers stay as they
+    are.
+    """
     if worlds.dtype != torch.bool:
         return worlds, *values
     ids = torch.nonzero(worlds).flatten()

@@ -1,7 +1,9 @@
-"""The GPU engine: MuJoCo Warp, with the four substeps of a control step in one captured graph. Runs on the CPU too, slowly.
+"""The GPU engine: MuJoCo Warp, with the four substeps of a control step in one captured graph. Runs
+on the CPU too, slowly.
 
-Torch and Warp share the memory of the state and run on one stream, torch's, so nothing is copied between them and nothing
-waits for the device: divergence is handled by masks, and running out of room is noticed a little later.
+Torch and Warp share the memory of the state and run on one stream, torch's, so nothing is copied
+between them and nothing waits for the device: divergence is handled by masks, and running out of
+room is noticed a little later.
 """
 
 from __future__ import annotations
@@ -41,13 +43,16 @@ _OUT_OF_CONSTRAINTS = _OVERFLOW.NEFC | _OVERFLOW.NJMAX_NNZ
 
 
 class WarpPhysics:
-    """:class:`~lacoloco.pipelines.sim.physics.Physics` on MuJoCo Warp; ``device`` is ``cuda``, ``cuda:1``, ... or ``cpu``.
+    """:class:`~lacoloco.pipelines.sim.physics.Physics` on MuJoCo Warp; ``device`` is ``cuda``,
+    ``cuda:1``, ... or ``cpu``.
 
     The torch stream that is current while this is built is the one to use it on.
     """
 
     def __init__(self, request: PhysicsRequest, device: str = "cpu") -> None:
-        """Compile the robot, allocate the worlds in the model's default state, and run every kernel once."""
+        """Compile the robot, allocate the worlds in the model's default state, and run every kernel
+        once.
+        """
         spec, self.num_worlds = request.spec, request.num_worlds
         self.device = _torch_device(device)
         self.model = compile_scene(
@@ -89,8 +94,8 @@ class WarpPhysics:
     def reset(self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
         """Put ``worlds`` into the given states; see the contract.
 
-        Only what the next step reads is written. Warp's own ``reset_data`` also empties the contact list, which all
-        worlds share, whenever world 0 is among those to reset.
+        Only what the next step reads is written. Warp's own ``reset_data`` also empties the contact
+        list, which all worlds share, whenever world 0 is among those to reset.
         """
         for target, value in ((self._qpos, qpos), (self._qvel, qvel), (self._ctrl, qpos[:, 7:])):
             put(target, worlds, value)
@@ -117,7 +122,9 @@ class WarpPhysics:
             mjw.set_const(self._model, self._data)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
-        """Everything the engine needs to go on: coordinates, controls, warm starts, clocks; one row per world."""
+        """Everything the engine needs to go on: coordinates, controls, warm starts, clocks; one row
+        per world.
+        """
         self._look_for_overflow(now=True)
         return {name: tensor.clone() for name, tensor in self._state.items()}
 
@@ -134,7 +141,8 @@ class WarpPhysics:
             self._model = mjw.put_model(
                 self.model, batch_sizes=dict.fromkeys((*RANDOMISED, *DERIVED), n)
             )
-            # The kernels must not print: overflows are reported below, and a capped solver iteration is no overflow.
+            # The kernels must not print: overflows are reported below, and a capped solver
+            # iteration is no overflow.
             self._model.opt.warn_overflow = False
             room = self._capacity
             self._data = mjw.make_data(self.model, n, nconmax=room.contacts, njmax=room.constraints)
@@ -173,7 +181,9 @@ class WarpPhysics:
             wp.copy(self._record[substep], self._data.sensordata)
 
     def _capture(self) -> wp.Graph:
-        """Record the substeps without running them. Torch's default stream cannot be captured, a stream of Warp's can."""
+        """Record the substeps without running them. Torch's default stream cannot be captured, a
+        stream of Warp's can.
+        """
         wp.synchronize_device(self._stream.device)
         gc.collect()
         gc.disable()  # an array freed during the capture would spoil it
@@ -188,7 +198,9 @@ class WarpPhysics:
         return capture.graph
 
     def _in_bounds(self) -> torch.Tensor:
-        """(N,) bool: no coordinate, velocity or acceleration is huge or no number (comparisons with those are false)."""
+        """(N,) bool: no coordinate, velocity or acceleration is huge or no number (comparisons with
+        those are false).
+        """
         return torch.stack(
             [
                 _all(tensor.abs() < LARGEST)
@@ -203,7 +215,8 @@ class WarpPhysics:
             put(tensor, diverged, 0.0)
 
     def _look_for_overflow(self, now: bool = False) -> None:
-        """Raise if a capacity was exceeded by the time of the last look; looking itself waits for nothing.
+        """Raise if a capacity was exceeded by the time of the last look; looking itself waits for
+        nothing.
 
         Raises:
             StageError: contacts or constraint rows ran out; the message names the number to raise.

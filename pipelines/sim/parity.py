@@ -1,6 +1,7 @@
 """MuJoCo Warp against MuJoCo's C engine: one control step from equal states.
 
-Warp computes in single precision, so states that start equal drift apart; one step is what an error cannot grow in.
+Warp computes in single precision, so states that start equal drift apart; one step is what an error
+cannot grow in.
 """
 
 from __future__ import annotations
@@ -18,20 +19,24 @@ from lacoloco.robots.spec import RobotSpec
 
 ROUNDS = 4
 SHARE = 0.99
-"""Share of the worlds that must agree: in a few, a foot that just touches does so in another substep."""
+"""Share of the worlds that must agree: in a few, a foot that just touches does so in another
+substep.
+"""
 TOLERANCES = {"qpos": 1e-5, "qvel": 1e-3, "torque": 5e-3, "foot_force": 1e-3, "body_force": 1e-3}
-"""Largest difference, in m and rad, m/s and rad/s, N.m, and forces as shares of the robot's weight. On the CPU, Warp stays
-below a twentieth of these (64 worlds, Solo12 and H1)."""
+"""Largest difference, in m and rad, m/s and rad/s, N.m, and forces as shares of the robot's weight.
+On the CPU, Warp stays below a twentieth of these (64 worlds, Solo12 and H1).
+"""
 
 
 def check_parity(spec: RobotSpec, device: str, worlds: int = 256) -> dict[str, float]:
-    """Compare the engine of ``device`` (MuJoCo Warp, also on the CPU) with the C engine in random worlds near the ground.
+    """Compare the engine of ``device`` (MuJoCo Warp, also on the CPU) with the C engine in random
+    worlds near the ground.
 
     Masses, inertias, centres of mass and friction are drawn per world; targets are random.
 
     Returns:
-        The largest difference of every quantity in ``SHARE`` of the worlds, and ``touching``, the share of feet on the
-        ground.
+        The largest difference of every quantity in ``SHARE`` of the worlds, and ``touching``, the
+        share of feet on the ground.
 
     Raises:
         StageError: a difference beyond its tolerance, or no MuJoCo Warp.
@@ -55,7 +60,8 @@ def check_parity(spec: RobotSpec, device: str, worlds: int = 256) -> dict[str, f
     for name, found in figures.items():
         if not found <= TOLERANCES[name]:
             raise StageError(
-                f"{spec.name} on {device}: MuJoCo Warp and the C engine differ in {name} by {found:.2g} after one step "
+                f"{spec.name} on {device}: MuJoCo Warp and the C engine differ in {name} by "
+                f"{found:.2g} after one step "
                 f"from equal states (tolerance {TOLERANCES[name]:g}): its results cannot be trusted"
             )
     touching = float(torch.stack([differences["touching"] for differences in rounds]).mean())
@@ -88,7 +94,9 @@ def _difference(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
 def near_the_ground(
     spec: RobotSpec, worlds: int, draw: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """(N, 7 + J), (N, 6 + J): tilted robots in motion, the lowest foot up to 10 mm in the floor or above it."""
+    """(N, 7 + J), (N, 6 + J): tilted robots in motion, the lowest foot up to 10 mm in the floor or
+    above it.
+    """
     model, joints = compile_scene(spec), spec.num_joints
     qpos = torch.zeros(worlds, 7 + joints)
     qpos[:, 3], qpos[:, 4:7] = 1.0, 0.1 * torch.randn(worlds, 3, generator=draw)

@@ -1,7 +1,8 @@
 """The contract between the environments and a physics engine.
 
-Conventions, the same for every engine: ``N`` worlds, ``J`` actuated joints, ``F`` feet, ``B`` monitored bodies, ``S``
-physics substeps per control step. All tensors are float32 on :attr:`Physics.device`.
+Conventions, the same for every engine: ``N`` worlds, ``J`` actuated joints, ``F`` feet, ``B``
+monitored bodies, ``S`` physics substeps per control step. All tensors are float32 on
+:attr:`Physics.device`.
 """
 
 from __future__ import annotations
@@ -48,16 +49,22 @@ class WorldParameters:
 
 
 class Physics(Protocol):
-    """N independent worlds of one robot on flat ground. Every refresh makes new tensors, so old ones may be kept.
+    """N independent worlds of one robot on flat ground. Every refresh makes new tensors, so old
+    ones may be kept.
 
     Attributes:
         qpos: (N, 7 + J) root position [m, world], root quaternion wxyz, joint positions [rad].
-        qvel: (N, 6 + J) root linear velocity [m/s, world], root angular velocity [rad/s, base frame], joints [rad/s].
-        foot_force: (N, S, F) norm of the net contact force on each foot [N], one row per substep of the last step.
-        body_force: (N, B) largest norm of the net contact force on each monitored body during the last step [N].
+        qvel: (N, 6 + J) root linear velocity [m/s, world], root angular velocity [rad/s, base
+            frame], joints [rad/s].
+        foot_force: (N, S, F) norm of the net contact force on each foot [N], one row per substep of
+            the last step.
+        body_force: (N, B) largest norm of the net contact force on each monitored body during the
+            last step [N].
         torque: (N, J) joint torques applied in the last substep [N.m].
-        diverged: (N,) bool, worlds whose state became invalid during the last step (the engine has reset them).
-        monitored: the names of the B monitored bodies: fall bodies first, then the undesired contacts.
+        diverged: (N,) bool, worlds whose state became invalid during the last step (the engine has
+            reset them).
+        monitored: the names of the B monitored bodies: fall bodies first, then the undesired
+            contacts.
     """
 
     num_worlds: int
@@ -71,13 +78,19 @@ class Physics(Protocol):
     monitored: tuple[str, ...]
 
     def step(self, targets: torch.Tensor) -> None:
-        """Hold joint position targets (N, J) [rad] for one control step and refresh every attribute."""
+        """Hold joint position targets (N, J) [rad] for one control step and refresh every
+        attribute.
+        """
 
     def reset(self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
-        """Put ``worlds``, numbers (K,) or a mask (N,), into states (K or N, 7 + J), (K or N, 6 + J)."""
+        """Put ``worlds``, numbers (K,) or a mask (N,), into states (K or N, 7 + J), (K or N, 6 +
+        J).
+        """
 
     def push(self, worlds: torch.Tensor, velocity: torch.Tensor) -> None:
-        """Add (K or N, 6) root velocity (linear in world, angular in base frame) to ``worlds``, numbers or a mask."""
+        """Add (K or N, 6) root velocity (linear in world, angular in base frame) to ``worlds``,
+        numbers or a mask.
+        """
 
     def set_parameters(self, parameters: WorldParameters) -> None:
         """Give every world its own friction, masses, inertias and centre of mass."""
@@ -100,5 +113,7 @@ class PhysicsRequest:
 
 
 def monitored_bodies(spec: RobotSpec) -> tuple[str, ...]:
-    """Bodies whose contact force is watched: fall bodies first, then the undesired contacts, without repetition."""
+    """Bodies whose contact force is watched: fall bodies first, then the undesired contacts,
+    without repetition.
+    """
     return tuple(dict.fromkeys((*spec.fall_bodies, *spec.undesired_contact_bodies)))

@@ -13,7 +13,9 @@ from lacoloco.pipelines.sim.physics import WorldParameters
 
 @dataclass(frozen=True)
 class Randomisation:
-    """What differs between worlds (``LeggedEnv.redraw`` draws it again) and how hard the base is pushed."""
+    """What differs between worlds (``LeggedEnv.redraw`` draws it again) and how hard the base is
+    pushed.
+    """
 
     friction: Range = (0.4, 1.5)
     mass_scale: Range = (0.8, 1.2)
@@ -27,10 +29,11 @@ NO_RANDOMISATION = Randomisation((1.0, 1.0), (1.0, 1.0), (1.0, 1.0), 0.0, 0.0)
 
 
 def widened(randomisation: Randomisation, factor: float) -> Randomisation:
-    """The same with masses, inertias, centre of mass and pushes spread ``factor`` times as far, friction as a ratio.
+    """The same with masses, inertias, centre of mass and pushes spread ``factor`` times as far,
+    friction as a ratio.
 
-    A policy trained a little beyond what it will meet has met the edge of that more than once in a thousand falls: a heavy
-    robot on a floor that does not let its feet slip, above all.
+    A policy trained a little beyond what it will meet has met the edge of that more than once in a
+    thousand falls: a heavy robot on a floor that does not let its feet slip, above all.
     """
     scales = (randomisation.mass_scale, randomisation.inertia_scale)
     around = [(1.0 + factor * (low - 1.0), 1.0 + factor * (high - 1.0)) for low, high in scales]

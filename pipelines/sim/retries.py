@@ -1,8 +1,10 @@
-"""Second chances: a robot that fell tries again from shortly before, in the same world; one that missed, from the start.
+"""Second chances: a robot that fell tries again from shortly before, in the same world; one that
+missed, from the start.
 
-Falls are rare and come a second after what caused them. Started anew, a world may take thousands of steps to come to the
-same pass; put back, it is there again at once, with other noise. So it is with targets that are never reached from where
-the robot stands: they lie in narrow ranges of directions, which chance seldom draws.
+Falls are rare and come a second after what caused them. Started anew, a world may take thousands of
+steps to come to the same pass; put back, it is there again at once, with other noise. So it is with
+targets that are never reached from where the robot stands: they lie in narrow ranges of directions,
+which chance seldom draws.
 """
 
 from __future__ import annotations
@@ -15,9 +17,13 @@ from lacoloco.pipelines.worlds import pick, put, select
 PERIOD, DEPTH = 10, 5
 """Control steps between two snapshots, and how many are kept: a world is put back by 0.8 to 1 s."""
 RETURN, START = DEPTH, DEPTH + 1
-"""The rows after the snapshots: where each world was put back to last, and where its episode began."""
+"""The rows after the snapshots: where each world was put back to last, and where its episode
+began.
+"""
 STATE_BYTES = 2 << 20
-"""Snapshots of more are not kept in a checkpoint, which has to travel: a resumed training then begins without any."""
+"""Snapshots of more are not kept in a checkpoint, which has to travel: a resumed training then
+begins without any.
+"""
 
 
 class Retries:
@@ -26,7 +32,8 @@ class Retries:
     def __init__(
         self, env: LeggedEnv, latent_dim: int, chance: float, *, seed: int, hold: int = 1
     ) -> None:
-        """Begin without any; a world that fell is put back with probability ``chance``, and again when it falls again.
+        """Begin without any; a world that fell is put back with probability ``chance``, and again
+        when it falls again.
 
         Args:
             env: the worlds.
@@ -50,7 +57,9 @@ class Retries:
             for name, width in widths.items()
         }
         self.returned = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
-        """(N,) bool, worlds that live a second time: what becomes of them says nothing about whole episodes."""
+        """(N,) bool, worlds that live a second time: what becomes of them says nothing about whole
+        episodes.
+        """
         self._begun = torch.zeros_like(self.returned)
         self._slot = torch.zeros(env.num_worlds, dtype=torch.long, device=env.device)
         self._numbers = torch.arange(env.num_worlds, device=env.device)
@@ -64,10 +73,11 @@ class Retries:
         self._count += 1
 
     def choose(self, fell: torch.Tensor, missed: torch.Tensor | None = None) -> torch.Tensor:
-        """(N,) bool, those of the fallen worlds (N,) bool and of those that missed that are to try again. Call before a reset.
+        """(N,) bool, those of the fallen worlds (N,) bool and of those that missed that are to try
+        again. Call before a reset.
 
-        Lucky ones, and old enough, or put back before and fallen again: those go back to where they went back to. Whoever
-        missed goes back to where its episode began.
+        Lucky ones, and old enough, or put back before and fallen again: those go back to where they
+        went back to. Whoever missed goes back to where its episode began.
         """
         lucky = torch.rand(len(fell), generator=self.draw, device=fell.device) < self.chance
         if self._count < self.period * DEPTH:
@@ -83,7 +93,9 @@ class Retries:
         return again | missed & lucky & self._begun
 
     def put_back(self, mask: torch.Tensor, latent: torch.Tensor) -> torch.Tensor:
-        """Undo the reset of the worlds in ``mask`` (N,) bool; returns the latents (N, d) with theirs as they were."""
+        """Undo the reset of the worlds in ``mask`` (N,) bool; returns the latents (N, d) with
+        theirs as they were.
+        """
         self.returned = self.returned & (self.env.steps > 0) | mask
         self._begin((self.env.steps == 0) & ~mask, latent)
         worlds = select(mask)
@@ -106,7 +118,9 @@ class Retries:
         return {"count": self._count if small else 0, "draw": self.draw.get_state(), **kept}
 
     def load_state_dict(self, state: dict[str, object]) -> None:
-        """Restore :meth:`state_dict`; without snapshots if it holds none, or those of a version that kept no beginnings."""
+        """Restore :meth:`state_dict`; without snapshots if it holds none, or those of a version
+        that kept no beginnings.
+        """
         self.draw.set_state(state["draw"])
         if "begun" not in state:
             return

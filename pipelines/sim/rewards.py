@@ -1,4 +1,6 @@
-"""Reward terms: environment after a step -> (N,) reward per control step. Tasks list them by name with a weight."""
+"""Reward terms: environment after a step -> (N,) reward per control step. Tasks list them by name
+with a weight.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,8 @@ def reach(env: World) -> torch.Tensor:
 
 
 def progress(env: World) -> torch.Tensor:
-    """Speed at which the end effector approaches its target [m/s]: potential-based shaping with the distance.
+    """Speed at which the end effector approaches its target [m/s]: potential-based shaping with the
+    distance.
 
     exp(-10 d) is 1e-6 at the distance where an episode starts, far below what a critic can resolve.
     """
@@ -41,12 +44,16 @@ def progress(env: World) -> torch.Tensor:
 
 
 def approach(env: World) -> torch.Tensor:
-    """exp(-|p_ee - p*| / 0.3): a wide slope for the expert, which starts far from its targets (facts 2.5 have 0.8)."""
+    """exp(-|p_ee - p*| / 0.3): a wide slope for the expert, which starts far from its targets
+    (facts 2.5 have 0.8).
+    """
     return torch.exp(-env.target_error() / 0.3)
 
 
 def lift(env: World) -> torch.Tensor:
-    """exp(-|z_ee - z*| / 0.1): pays for height alone, so that the foot leaves the ground before it finds its target."""
+    """exp(-|z_ee - z*| / 0.1): pays for height alone, so that the foot leaves the ground before it
+    finds its target.
+    """
     return torch.exp(-(env.end_effector()[:, 2] - env.command[:, 2]).abs() / 0.1)
 
 

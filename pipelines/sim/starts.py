@@ -1,8 +1,9 @@
 """How episodes begin: inside a clip, or standing.
 
-Who stands has joint angles around the default pose, each with the height that just puts the feet on the ground. The base
-height depends on the joint angles: at the default pose's own, spread angles begin up to 2 cm (Solo12) or 6 cm (H1) inside
-the floor, and the first step throws the robot into the air (facts 9.2, B7).
+Who stands has joint angles around the default pose, each with the height that just puts the feet on
+the ground. The base height depends on the joint angles: at the default pose's own, spread angles
+begin up to 2 cm (Solo12) or 6 cm (H1) inside the floor, and the first step throws the robot into
+the air (facts 9.2, B7).
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ class StandingStarts:
     def anywhere(
         self, start: ResetConfig, count: int, draw: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """(count, 7 + J), (count, 6 + J): standing with the feet on the ground, anywhere, any heading."""
+        """(count, 7 + J), (count, 6 + J): standing with the feet on the ground, anywhere, any
+        heading.
+        """
         planar = uniform(
             ((-start.position, start.position),) * 2 + ((-start.heading, start.heading),),
             count,
@@ -68,7 +71,9 @@ class StandingStarts:
 def clip_starts(
     motions: MotionLibrary, count: int, draw: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """(count, 7 + J), (count, 6 + J): a random moment of a random clip, heading re-drawn, velocities turned with it."""
+    """(count, 7 + J), (count, 6 + J): a random moment of a random clip, heading re-drawn,
+    velocities turned with it.
+    """
     clips, times = motions.sample(count, generator=draw)
     frames = motions.frames(clips, times)
     heading = from_yaw(uniform(((-torch.pi, torch.pi),), count, draw)[:, 0])

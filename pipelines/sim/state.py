@@ -1,4 +1,6 @@
-"""What the robot is doing, in the frames the paper observes it in, and the layout of every observation."""
+"""What the robot is doing, in the frames the paper observes it in, and the layout of every
+observation.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ TARGET_DIM = 3
 
 @dataclass(frozen=True)
 class Term:
-    """One contiguous slice of an observation: name, width, unit, frame and training noise (uniform, +-noise)."""
+    """One contiguous slice of an observation: name, width, unit, frame and training noise (uniform,
+    +-noise).
+    """
 
     name: str
     size: int
@@ -50,7 +54,9 @@ class RobotState:
 
     @classmethod
     def from_generalized(cls, qpos: torch.Tensor, qvel: torch.Tensor) -> RobotState:
-        """Split MuJoCo's (N, 7 + J) and (N, 6 + J) into base-frame quantities (root linear velocity comes in world)."""
+        """Split MuJoCo's (N, 7 + J) and (N, 6 + J) into base-frame quantities (root linear velocity
+        comes in world).
+        """
         quat = qpos[:, 3:7]
         return cls(
             qpos[:, :3],
@@ -63,7 +69,9 @@ class RobotState:
 
     @classmethod
     def from_motion(cls, frames: MotionFrames) -> RobotState:
-        """The same for frames of clips, so that demonstrations go through the very code that the agent does."""
+        """The same for frames of clips, so that demonstrations go through the very code that the
+        agent does.
+        """
         return cls(
             frames.root_pos,
             frames.root_quat,
@@ -82,7 +90,9 @@ class RobotState:
 
 
 def style_frame(state: RobotState) -> torch.Tensor:
-    """(N, 10 + 2J) the discriminator's view of one instant, clean (paper, "Observations"); see :func:`style_terms`."""
+    """(N, 10 + 2J) the discriminator's view of one instant, clean (paper, "Observations"); see
+    :func:`style_terms`.
+    """
     parts = (
         state.root_pos[:, 2:3],
         state.gravity_b,
@@ -109,13 +119,17 @@ def style_terms(joints: int, joint_pos_noise: float = 0.05) -> tuple[Term, ...]:
 def policy_terms(
     joints: int, joint_pos_noise: float = 0.05, command: Term | None = None
 ) -> tuple[Term, ...]:
-    """Layout of the low-level policy's observation: the style frame, the last action, a command if the task has one."""
+    """Layout of the low-level policy's observation: the style frame, the last action, a command if
+    the task has one.
+    """
     terms = (*style_terms(joints, joint_pos_noise), Term("last_action", joints, "1", "joint"))
     return terms if command is None else (*terms, command)
 
 
 def high_level_terms(joints: int, joint_pos_noise: float = 0.05) -> tuple[Term, ...]:
-    """Layout of the high-level policy's observation: style frame, target in the base frame, last latent."""
+    """Layout of the high-level policy's observation: style frame, target in the base frame, last
+    latent.
+    """
     target, latent = (
         Term("target", TARGET_DIM, "m", "base"),
         Term("last_latent", LATENT_DIM, "1", "latent"),

@@ -1,4 +1,5 @@
-"""The four tasks, as plain data: walk, reach in place, imitate, reach. Factories take the robot; nothing is inherited.
+"""The four tasks, as plain data: walk, reach in place, imitate, reach. Factories take the robot;
+nothing is inherited.
 
 Numbers without a comment are the original's (facts 2.1 to 2.6); each deviation says why.
 """
@@ -17,7 +18,9 @@ from lacoloco.robots.spec import RobotSpec
 
 @dataclass(frozen=True)
 class ResetConfig:
-    """How an episode starts: from the default pose with these spreads, or from a frame of a clip."""
+    """How an episode starts: from the default pose with these spreads, or from a frame of a
+    clip.
+    """
 
     clip_share: float = 0.0
     position: float = 0.0
@@ -32,12 +35,13 @@ class Task:
     """One environment's rules.
 
     Attributes:
-        rewards: (name in ``REWARDS``, weight) pairs; their sum is multiplied by the control step, 0.02 s.
+        rewards: (name in ``REWARDS``, weight) pairs; their sum is multiplied by the control step,
+            0.02 s.
         clip_reward: never pay less than zero, as the original's CaT environments do.
         resample_s: seconds between command changes inside an episode; None keeps one command.
         fall_on_undesired: also end the episode when an undesired body touches something.
-        fall_tilt: end it also when the base is tilted by more than this [rad]. A robot that tips over rolls onto its back for a
-            second before what counts as a fall touches the ground.
+        fall_tilt: end it also when the base is tilted by more than this [rad]. A robot that tips
+            over rolls onto its back for a second before what counts as a fall touches the ground.
         noise: factor on the observation noise (0: clean).
         training_limits: motors as strong as in training rather than as strong as they are.
     """
@@ -77,7 +81,8 @@ def _randomisation(spec: RobotSpec, push: float) -> Randomisation:
 def walk_task(spec: RobotSpec) -> Task:
     """Track a planar velocity: the walking expert (facts 2.3 and 2.4).
 
-    The style of the gait comes from the constraints on the quadruped and from penalties on the humanoid.
+    The style of the gait comes from the constraints on the quadruped and from penalties on the
+    humanoid.
     """
     quadruped = len(spec.feet) == 4
     lateral = (-0.5, 0.5) if quadruped else (0.0, 0.0)
@@ -87,7 +92,8 @@ def walk_task(spec: RobotSpec) -> Task:
         Constraint("joint_velocity", 16.0, 0.1),
         Constraint("joint_acceleration", 800.0, 0.1),
         Constraint("action_rate", 80.0, 0.1),
-        # The original allows 50 N; the low level is held to the robot's weight, so its examples should be too.
+        # The original allows 50 N; the low level is held to the robot's weight, so its examples
+        # should be too.
         Constraint("foot_force", spec.foot_force_limit(), 0.1),
         Constraint("base_tilt", 0.1, 0.1),
         Constraint("air_time", 0.2, 0.1),
@@ -117,7 +123,9 @@ def walk_task(spec: RobotSpec) -> Task:
 
 
 def reach_in_place_task(spec: RobotSpec) -> Task:
-    """Touch points that need no step: the reaching expert (facts 2.5 and 2.6), its widest target box from the start."""
+    """Touch points that need no step: the reaching expert (facts 2.5 and 2.6), its widest target
+    box from the start.
+    """
     box = _solo_or(
         spec,
         TargetCommand(x=(0.2, 0.4), y=(-0.24, 0.08), z=(0.02, 0.42)),
@@ -166,7 +174,9 @@ def imitate_task(spec: RobotSpec, *, constrained: bool) -> Task:
 
 
 def reach_task(spec: RobotSpec) -> Task:
-    """The paper's loco-manipulation: walk to a point and touch it (facts 2.2); one target per episode."""
+    """The paper's loco-manipulation: walk to a point and touch it (facts 2.2); one target per
+    episode.
+    """
     target = _solo_or(
         spec,
         TargetCommand(radius=1.5, z=(0.16, 0.42)),

@@ -1,4 +1,6 @@
-"""What rewards and constraints may read: the part of an environment that describes the step just taken."""
+"""What rewards and constraints may read: the part of an environment that describes the step just
+taken.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ class World(Protocol):
         feet: contact timing.
         default_joint_pos: (J,) default pose [rad].
         hip_columns: the joints that move a leg sideways.
-        previous_target_error: (N,) distance from the target before the step [m], in tasks with a target.
+        previous_target_error: (N,) distance from the target before the step [m], in tasks with a
+            target.
     """
 
     physics: Physics

@@ -30,7 +30,9 @@ FLOAT32 = 0x17
 TRACE, TARGET, BONES = 0x2A6FDB, 0xD7263D, 0x7A5C3E
 """Colours of the end effector's trace, the target and the animal."""
 JOINT, ASIDE = 0.02, 0.5
-"""m: size of the animal's joints, and how far to the left of the robot it walks when not over it."""
+"""m: size of the animal's joints, and how far to the left of the robot it walks when not over
+it.
+"""
 
 
 def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> str:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from lacoloco.robots.spec import EndEffector, RobotSpec
 
-# Per joint: default pose rad, kp N.m/rad, kd N.m.s/rad, training torque N.m, speed rad/s, range rad.
-# Pose, gains and training torque ("MINIMAL"): LaCoLoco's assets/unitree.py. Speed: its
+# Per joint: default pose rad, kp N.m/rad, kd N.m.s/rad, training torque N.m, speed rad/s, range
+# rad. Pose, gains and training torque ("MINIMAL"): LaCoLoco's assets/unitree.py. Speed: its
 # "MOTOR_LIMITS", equal to h1.urdf of unitree_ros. Range: h1.xml, repeated for the retargeting.
 LEG = {
     "hip_yaw": (0.0, 150.0, 5.0, 300.0, 23.0, (-0.43, 0.43)),

@@ -1,4 +1,6 @@
-"""`lacoloco run --methods ... --executor local`: the members, what a failed one leaves, what a rerun does."""
+"""`lacoloco run --methods ... --executor local`: the members, what a failed one leaves, what a
+rerun does.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Every verb of the chain, one after the other on the smallest preset, the way a person types them."""
+"""Every verb of the chain, one after the other on the smallest preset, the way a person types
+them.
+"""
 
 from __future__ import annotations
 

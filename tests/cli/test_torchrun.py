@@ -50,7 +50,9 @@ def torchrun(tmp_path):
 
 @pytest.mark.slow
 def test_two_processes_make_one_artifact_and_one_answer(torchrun, motions, tmp_path, monkeypatch):
-    """The second half of a training that one process began: more worlds at once, the same budget."""
+    """The second half of a training that one process began: more worlds at once, the same
+    budget.
+    """
     monkeypatch.setenv("LACOLOCO_RUNS", str(tmp_path / "runs"))
     real, calls = LowTrainer.iterate, []
 

@@ -46,7 +46,9 @@ def test_between_frames_vectors_are_linear_and_orientation_is_slerp(make_clip):
 
 
 def test_orientation_is_blended_right_for_fast_turns_and_flipped_signs(make_clip):
-    """Bug B12. Neighbours 150 degrees apart and of opposite sign: a linear blend would be far off."""
+    """Bug B12. Neighbours 150 degrees apart and of opposite sign: a linear blend would be far
+    off.
+    """
     clip = make_clip(frames=3)
     turns = np.array([0.0, 150.0, 300.0])
     quat = rotations.from_yaw(np.radians(turns)) * np.array([[1.0], [-1.0], [1.0]])

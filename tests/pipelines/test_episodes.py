@@ -56,7 +56,9 @@ def test_figures_by_hand():
 
 
 def test_who_missed_and_never_came_nearer():
-    """Somebody who touched, one who fell where it began, one who stayed, one who came half of the way."""
+    """Somebody who touched, one who fell where it began, one who stayed, one who came half of the
+    way.
+    """
     played = Episodes(
         error=np.array([0.01, 1.5, 1.4, 0.8]),
         fell=np.array([False, True, False, False]),

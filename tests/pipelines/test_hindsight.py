@@ -24,7 +24,9 @@ def draw(seed=0):
 
 
 def memory(moves, worlds=64, steps=6):
-    """Worlds that turn left by one radian a world, stand at their own place and move their foot by ``moves`` (3,) a decision."""
+    """Worlds that turn left by one radian a world, stand at their own place and move their foot by
+    ``moves`` (3,) a decision.
+    """
     yaw = torch.arange(worlds).float()
     quat = from_yaw(yaw).expand(steps, worlds, 4)
     place = torch.stack((yaw, -yaw, torch.full((worlds,), 0.25)), dim=-1).expand(steps, worlds, 3)

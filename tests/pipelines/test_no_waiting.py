@@ -1,7 +1,8 @@
 """During a rollout nothing on the host waits for the device: no step reads a tensor's value.
 
-Where there is a GPU, torch itself says so. Everywhere else the same code is run the way it runs on a GPU (worlds chosen by
-masks instead of numbers) on the CPU, and every operation that needs a tensor's value on the host is refused.
+Where there is a GPU, torch itself says so. Everywhere else the same code is run the way it runs on
+a GPU (worlds chosen by masks instead of numbers) on the CPU, and every operation that needs a
+tensor's value on the host is refused.
 """
 
 from dataclasses import replace
@@ -29,7 +30,9 @@ READS = (
     torch.ops.aten.equal.default,
     torch.ops.aten._unique2.default,
 )
-"""Operations whose result, or its size, the host must wait for; besides these, indexing by a mask."""
+"""Operations whose result, or its size, the host must wait for; besides these, indexing by a
+mask.
+"""
 BY_MASK = (
     torch.ops.aten.index.Tensor,
     torch.ops.aten.index_put_.default,
@@ -54,7 +57,9 @@ class NoReads(TorchDispatchMode):
 
 
 def watch_rollout(trainer, on, off):
-    """Call ``on`` when a rollout begins, with its first action, and ``off`` when its returns are due."""
+    """Call ``on`` when a rollout begins, with its first action, and ``off`` when its returns are
+    due.
+    """
     act, compute = trainer.algorithm.act, trainer.algorithm.compute_returns
 
     def acting(obs):

@@ -307,7 +307,9 @@ def test_part_rate_and_mirror_image(context, short_dog):
 
 
 def test_every_file_in_six_variants(context, short_dog):
-    """Mirror images, and both on bent courses; each is what its own options give, and is kept when asked for again."""
+    """Mirror images, and both on bent courses; each is what its own options give, and is kept when
+    asked for again.
+    """
     path = short_dog(slice(0, 60))
     config = replace(QUICK, augment=True, augment_bends=(0.8, -0.5))
     result = retarget.run(config, context, sources=[path])

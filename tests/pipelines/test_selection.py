@@ -40,7 +40,9 @@ def trainer(solo12, motions):
 
 
 def examined(trainer: LowTrainer, values: list[float]) -> list[dict[str, float]]:
-    """Examine the actor with its first weight at 0, 1, ... and a made-up coverage whose score is each of ``values``."""
+    """Examine the actor with its first weight at 0, 1, ... and a made-up coverage whose score is
+    each of ``values``.
+    """
     seen = []
     weight = next(trainer.algorithm.actor.parameters())
     for number, value in enumerate(values):
@@ -75,7 +77,9 @@ def test_only_what_comes_after_the_ramp_is_examined(solo12, motions):
 
 
 def test_steadiness_counts_episodes_and_forces_and_repeats_itself(trainer, solo12):
-    """A policy that commands the default pose stands through pushes; one that commands nonsense does not."""
+    """A policy that commands the default pose stands through pushes; one that commands nonsense
+    does not.
+    """
     policy = trainer.policy()
     layers = [module for module in policy.actor.modules() if isinstance(module, torch.nn.Linear)]
     with torch.no_grad():

@@ -93,7 +93,9 @@ def test_rewards_are_means_over_the_five_steps_times_the_scale(make_trainer, mon
 
 
 def test_contact_forces_above_the_limit_have_their_price(make_trainer):
-    """A quarter of all foot-substeps above it costs a quarter of the price, half of that half way up its ramp, nothing before it."""
+    """A quarter of all foot-substeps above it costs a quarter of the price, half of that half way
+    up its ramp, nothing before it.
+    """
     rewards = []
     for price, progress in ((None, 1.0), (8.0, 1.0), (8.0, 0.35), (8.0, 0.1)):
         trainer = make_trainer(horizon=2, force_price=price, std=(0.3, 0.3))
@@ -158,7 +160,9 @@ def test_time_outs_fall_on_the_end_of_a_decision(make_trainer):
 
 
 def test_the_actor_waits_for_its_critic(make_trainer):
-    """What hindsight taught must not be undone by the first advantages of a critic that knows nothing."""
+    """What hindsight taught must not be undone by the first advantages of a critic that knows
+    nothing.
+    """
     trainer = make_trainer()
     begin = [parameter.clone() for parameter in trainer.algorithm.actor.mlp.parameters()]
     assert -1.0 <= trainer.warm_start() <= 1.0

@@ -217,7 +217,9 @@ def test_more_updates_than_rows_wrap_around(make_ase):
 
 
 def test_diversity_by_hand(make_ase, monkeypatch):
-    """(1 - |mu(z) - mu(z')|^2 / 2 / D_z)^2 with D_z = 0.5 (1 - z . z'), over the exploring rows of the first quarter."""
+    """(1 - |mu(z) - mu(z')|^2 / 2 / D_z)^2 with D_z = 0.5 (1 - z . z'), over the exploring rows of
+    the first quarter.
+    """
     ase = make_ase(diversity=0.01)
     z = torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     other = torch.tensor([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])

@@ -18,7 +18,9 @@ CLIP = 40
 
 @pytest.fixture
 def cloned():
-    """Clips of two kinds; the kind shows in the first feature of every frame but the policy's own view hides it."""
+    """Clips of two kinds; the kind shows in the first feature of every frame but the policy's own
+    view hides it.
+    """
     torch.manual_seed(0)
     draw = torch.Generator().manual_seed(0)
     kinds = torch.arange(40) % 2

@@ -1,7 +1,7 @@
 """Two gloo processes with half of the worlds each learn what one process with all of them learns.
 
-The same random worlds are learned from by one process and by two that share them: the two must end with the same weights
-to the last bit, and with those of the one up to rounding.
+The same random worlds are learned from by one process and by two that share them: the two must end
+with the same weights to the last bit, and with those of the one up to rounding.
 """
 
 import sys
@@ -23,7 +23,9 @@ PPO = PpoConfig(horizon=HORIZON, epochs=3, minibatches=1, learning_rate=1e-3)
 """One minibatch per epoch: how the samples are shuffled then does not matter."""
 NETWORKS = NetworkConfig(actor=(16,), critic=(16,))
 WIDER = torch.where(torch.arange(WORLDS) < WORLDS // 2, 1.0, 6.0)[None, :, None]
-"""The second process's worlds differ from the first's: a KL or an accuracy of its own would lead it elsewhere."""
+"""The second process's worlds differ from the first's: a KL or an accuracy of its own would lead it
+elsewhere.
+"""
 
 
 def learn_control(mine, draw):
@@ -53,7 +55,9 @@ def learn_control(mine, draw):
 
 
 def learn_style(mine, draw):
-    """Discriminator and encoder; every batch takes each of the rollout's transitions, none from memory, once."""
+    """Discriminator and encoder; every batch takes each of the rollout's transitions, none from
+    memory, once.
+    """
     count = mine.stop - mine.start
     examples = torch.Generator().manual_seed(11)
 
@@ -74,7 +78,8 @@ def learn_style(mine, draw):
         networks=NETWORKS,
         ase=AseConfig(
             discriminator="gan",
-            # An accuracy that the second half exceeds, but not both together; noise that is each process's own.
+            # An accuracy that the second half exceeds, but not both together; noise that is each
+            # process's own.
             gan=GanConfig(hidden=(16,), noise=0.0, max_accuracy=0.65),
             encoder_hidden=(16,),
             updates=6,

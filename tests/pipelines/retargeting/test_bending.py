@@ -15,7 +15,9 @@ TRUNK, LEFT, RIGHT, PAW = range(4)
 
 
 def walker(seconds=5.0, start=(0.0, 0.0), direction=(1.0, 0.0)):
-    """A trunk that goes straight on with a marker on either side; a paw stands at 2 m, 10 cm to the left."""
+    """A trunk that goes straight on with a marker on either side; a paw stands at 2 m, 10 cm to the
+    left.
+    """
     time = np.arange(round(seconds * FPS)) / FPS
     ahead = np.array([*direction, 0.0])
     left = np.array([-direction[1], direction[0], 0.0])
@@ -24,7 +26,8 @@ def walker(seconds=5.0, start=(0.0, 0.0), direction=(1.0, 0.0)):
     points = np.stack(
         (trunk, trunk + 0.2 * left, trunk - 0.2 * left, np.broadcast_to(paw, trunk.shape)), axis=1
     )
-    # the middle of all nodes is the trunk's, but for the paw: leave it out of the mean by its counterweight
+    # the middle of all nodes is the trunk's, but for the paw: leave it out of the mean by its
+    # counterweight
     counter = np.broadcast_to(4 * trunk - points.sum(1) + trunk, trunk.shape)
     return Mocap(
         "walker",
@@ -86,7 +89,9 @@ def test_a_bend_sharper_than_the_animal_is_wide():
 
 
 def test_a_dog_turns_and_its_paws_do_not_slip_more():
-    """The bundled dog turns by the curvature times its way; of its paws' positions no two neighbours are torn apart."""
+    """The bundled dog turns by the curvature times its way; of its paws' positions no two
+    neighbours are torn apart.
+    """
     dog = load_bvh(DOG_BVH)
     curved = bent(dog, 1.5)
     fore, hind = (dog.joint_names.index(name) for name in ("LeftShoulder", "LeftUpLeg"))

@@ -50,8 +50,17 @@ def test_an_unknown_selection_names_the_known_ones():
         load_selection("cats")
 
 
-@pytest.mark.parametrize("text", ["[clips]\n", "clips = 3", "[clips]\na = [5, 2]", "[clips]\na = [1]",
-                                  "[clips]\na = [0.5, 2]", "[clips"])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[clips]\n",
+        "clips = 3",
+        "[clips]\na = [5, 2]",
+        "[clips]\na = [1]",
+        "[clips]\na = [0.5, 2]",
+        "[clips",
+    ],
+)
 def test_what_is_no_selection(tmp_path, text):
     path = tmp_path / "bad.toml"
     path.write_text(text)

@@ -61,7 +61,9 @@ def test_a_share_of_the_targets_is_pulled_in():
 
 
 def test_targets_are_seen_in_the_base_frame():
-    """Turned left by 90 degrees, what lies ahead in the world lies to the right (-y) of the base."""
+    """Turned left by 90 degrees, what lies ahead in the world lies to the right (-y) of the
+    base.
+    """
     command = TargetCommand(z=(0.0, 0.0))
     half = math.sqrt(0.5)
     seen = command.observe(

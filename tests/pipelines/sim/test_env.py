@@ -1,4 +1,6 @@
-"""One environment: observations, time, falls, pushes, commands; every step as it was before a reset."""
+"""One environment: observations, time, falls, pushes, commands; every step as it was before a
+reset.
+"""
 
 import math
 from dataclasses import replace
@@ -454,7 +456,9 @@ def test_parameters_are_drawn_from_their_ranges(make_env):
 
 @pytest.mark.parametrize("robot", ["solo12", "h1"])
 def test_b7_spread_joint_angles_start_with_the_feet_on_the_ground_not_in_it(robot):
-    """B7: the default pose's height puts other joint angles up to 2 cm (H1: 6 cm) inside the floor."""
+    """B7: the default pose's height puts other joint angles up to 2 cm (H1: 6 cm) inside the
+    floor.
+    """
     spec = load_robot(robot)
     task = replace(walk_task(spec), noise=0.0, randomisation=NO_RANDOMISATION)
     env = LeggedEnv(spec, task, 16, seed=0)

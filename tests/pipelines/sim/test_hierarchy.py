@@ -73,7 +73,9 @@ def test_nothing_is_earned_after_a_fall_inside_a_decision():
 
 
 def test_a_time_out_inside_a_decision_is_no_death():
-    """Bug B9: the original sees a time-out in steps 1 to 4 as one; nor may a fall after it count."""
+    """Bug B9: the original sees a time-out in steps 1 to 4 as one; nor may a fall after it
+    count.
+    """
     decision = steered(ScriptedEnv(time_outs=(3,), falls=(4,))).step(torch.zeros(2, 7))
     assert decision.timed_out.tolist() == [True, False]
     assert not decision.fell.any()

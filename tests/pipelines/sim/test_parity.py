@@ -1,4 +1,6 @@
-"""The check that `lacoloco bench gpu` begins with: it passes where the engines agree and fails where they do not."""
+"""The check that `lacoloco bench gpu` begins with: it passes where the engines agree and fails
+where they do not.
+"""
 
 import pytest
 import torch

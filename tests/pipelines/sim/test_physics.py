@@ -84,7 +84,9 @@ def test_shapes_and_kinds_are_those_of_the_contract(robot):
 
 
 def test_a_landing_shows_in_the_substep_in_which_it_happens(make_standing):
-    """A fall of 3 mm takes sqrt(2 h / g) = 25 ms, so contact begins in the sixth substep of 5 ms."""
+    """A fall of 3 mm takes sqrt(2 h / g) = 25 ms, so contact begins in the sixth substep of 5
+    ms.
+    """
     physics = make_standing(1, settle=1)
     qpos = standing_qpos(1)
     qpos[:, 2] += 0.003

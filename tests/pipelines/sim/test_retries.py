@@ -1,4 +1,6 @@
-"""Second chances: back to where the fall was not yet decided, or to where an episode that missed began."""
+"""Second chances: back to where the fall was not yet decided, or to where an episode that missed
+began.
+"""
 
 from dataclasses import replace
 
@@ -21,7 +23,9 @@ def env(solo12):
 
 
 def live(env, retries, steps):
-    """Sway for a while, each step under its own latent; returns states, actions and latents as they were before every step."""
+    """Sway for a while, each step under its own latent; returns states, actions and latents as they
+    were before every step.
+    """
     seen, generator = [], torch.Generator().manual_seed(len(retries._kept))
     for _ in range(steps):
         latent = torch.randn(WORLDS, 7, generator=generator)
@@ -69,7 +73,9 @@ def test_a_fall_soon_after_a_reset_gets_no_second_chance(env):
 
 
 def test_whoever_falls_again_goes_back_to_the_same_place(env):
-    """Not to where the first fall was already decided, and only until the retry has lived as long as a snapshot is old."""
+    """Not to where the first fall was already decided, and only until the retry has lived as long
+    as a snapshot is old.
+    """
     retries, fell = Retries(env, 7, 1.0, seed=0), torch.tensor([True, False, False])
     live(env, retries, BACK + 3)
 
@@ -149,7 +155,9 @@ def test_whoever_missed_begins_the_same_episode_again(reaching):
 
 
 def test_a_retry_after_a_fall_is_no_beginning(reaching):
-    """Whoever fell, was put back and missed in the end begins where its episode did, not where it was put back to."""
+    """Whoever fell, was put back and missed in the end begins where its episode did, not where it
+    was put back to.
+    """
     env, retries, fell = (
         reaching,
         Retries(reaching, 7, 1.0, seed=0),

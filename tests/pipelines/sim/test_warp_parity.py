@@ -1,7 +1,8 @@
-"""MuJoCo Warp against MuJoCo's native engine, behind the same contract, on the CPU and in few worlds.
+"""MuJoCo Warp against MuJoCo's native engine, behind the same contract, on the CPU and in few
+worlds.
 
-Warp computes in single precision, so states that start equal drift apart: what is compared is one control step from equal
-states, and quantities that an error cannot grow in.
+Warp computes in single precision, so states that start equal drift apart: what is compared is one
+control step from equal states, and quantities that an error cannot grow in.
 """
 
 import math
@@ -125,7 +126,9 @@ def test_one_step_agrees_on_motion_torque_and_force(robot, both):
 
 
 def test_a_fall_is_felt_alike(both, solo12):
-    """Dropped on its back. Only roughly: the engines turn the friction pyramid of a capsule differently."""
+    """Dropped on its back. Only roughly: the engines turn the friction pyramid of a capsule
+    differently.
+    """
     forces = []
     for physics in both(solo12, 2):
         qpos = standing(2)
@@ -241,7 +244,9 @@ def test_state_dict_goes_on_bit_for_bit(warp):
 
 
 def returns(spec, physics, policy, steps=75):
-    """(N,) returns of the walking task; the same seed gives the same starts, commands and worlds."""
+    """(N,) returns of the walking task; the same seed gives the same starts, commands and
+    worlds.
+    """
     task = replace(clean(walk_task(spec)), episode_s=60.0)
     env = LeggedEnv(spec, task, physics.num_worlds, seed=5, physics=physics)
     total = torch.zeros(physics.num_worlds)
@@ -254,12 +259,15 @@ def returns(spec, physics, policy, steps=75):
 
 
 def test_the_same_policy_earns_the_same_on_both_engines(both, solo12):
-    """The published walking expert, world by world from equal starts: it corrects what the engines do differently."""
+    """The published walking expert, world by world from equal starts: it corrects what the engines
+    do differently.
+    """
     _, policies = load_policies(published.find("solo12-experts"), "walk")
     warp, native = (returns(solo12, physics, policies["walk"]) for physics in both(solo12, 16))
     standard_error = float(native.std()) / len(native) ** 0.5
     assert abs(float(warp.mean() - native.mean())) < 2.0 * standard_error
-    # Pairs tell more: no world may earn much more on one engine, which the spread between worlds would hide.
+    # Pairs tell more: no world may earn much more on one engine, which the spread between worlds
+    # would hide.
     difference = warp - native
     assert float(difference.abs().mean()) < 0.1 * float(native.std())
     (idle,) = (
