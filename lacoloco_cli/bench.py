@@ -16,7 +16,7 @@ from lacoloco_cli.options import IN_A_RUN, READING, STAGE, Robot
 from lacoloco_cli.session import Session, check_device, path_text, verb
 
 if TYPE_CHECKING:
-    from lacoloco.pipelines.bench import BenchConfig
+    from lacoloco.pipelines.benchmarks.throughput import BenchConfig
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed next to the raw engine.")
 
@@ -33,7 +33,7 @@ def bench_sim(
     ] = "walk",
 ) -> None:
     """Environments: physics, rewards, constraints, resets and observations."""
-    from lacoloco.pipelines import bench
+    from lacoloco.pipelines.benchmarks import throughput as bench
     from lacoloco.pipelines.sim.tasks import TASKS
 
     if task not in TASKS:
@@ -54,7 +54,7 @@ def bench_train(
     ] = True,
 ) -> None:
     """The whole low-level training on made-up clips, and where its time goes."""
-    from lacoloco.pipelines import bench
+    from lacoloco.pipelines.benchmarks import throughput as bench
 
     if disc not in ("gan", "drail"):
         raise UserError(f"--disc {disc}: use gan or drail")
@@ -74,8 +74,8 @@ def bench_retarget(
 ) -> None:
     """Retargeting on one core: speed, what both modes make of the files, what they must show."""
     from lacoloco.datasets.samples import DOG_BVH
-    from lacoloco.pipelines.retargeting import bench
-    from lacoloco.pipelines.retargeting.sources import find_recordings
+    from lacoloco.pipelines.benchmarks import retargeting as bench
+    from lacoloco.pipelines.retargeting.mocap.sources import find_recordings
 
     files, skipped = bench.usable(robot, find_recordings(sources or [DOG_BVH]))
     if not files:
@@ -121,8 +121,8 @@ def bench_gpu(
     Figures are on disk after each row, trainings have checkpoints: it may be cut at any moment, and
     the same command goes on with the trainings.
     """
-    from lacoloco.pipelines.gpu_bench import GpuBenchConfig
-    from lacoloco.pipelines.gpu_bench import bench_gpu as measure
+    from lacoloco.pipelines.benchmarks.gpu import GpuBenchConfig
+    from lacoloco.pipelines.benchmarks.gpu import bench_gpu as measure
     from lacoloco.pipelines.train_low import PRESETS
 
     if preset not in PRESETS:
@@ -157,7 +157,7 @@ def _show_gpu(answer: Mapping[str, Any], figures: Path) -> None:
 
 
 def _config(session: Session) -> BenchConfig:
-    from lacoloco.pipelines.bench import PRESETS
+    from lacoloco.pipelines.benchmarks.throughput import PRESETS
 
     check_device(session.device)
     return session.config(PRESETS)

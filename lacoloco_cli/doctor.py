@@ -48,7 +48,7 @@ def doctor(
     ] = False,
 ) -> None:
     """Check the installation and say which engine would be used, and why."""
-    from lacoloco.pipelines.machine import describe_machine
+    from lacoloco.datasets.hardware import describe_machine
 
     checks = [check_python(), *check_requirements(), check_mujoco(), check_solver()]
     checks += [check_runs(session.store.root), check_simulation()]
@@ -144,7 +144,7 @@ def check_simulation() -> Check:
     """Does the CPU engine run, and how fast about? `lacoloco bench sim` measures it properly."""
     fix = "run `lacoloco robots check` and see which part fails"
     try:
-        from lacoloco.pipelines.bench import BenchConfig, bench_sim
+        from lacoloco.pipelines.benchmarks.throughput import BenchConfig, bench_sim
 
         figures = bench_sim(BenchConfig(worlds=256, steps=10, rounds=3))
     except Exception as error:  # whatever a broken installation raises is what is asked for
@@ -170,7 +170,7 @@ def check_runs(root: Path) -> Check:
 
 def throughput(device: str) -> dict[str, float]:
     """Control steps per second of the environment loop and of training, in about ten seconds."""
-    from lacoloco.pipelines.bench import PRESETS, bench_sim, bench_train
+    from lacoloco.pipelines.benchmarks.throughput import PRESETS, bench_sim, bench_train
 
     preset = PRESETS["gpu" if device == "cuda" else "laptop"]()
     config = replace(preset, rounds=1000, seconds=5.0)
@@ -182,7 +182,7 @@ def throughput(device: str) -> dict[str, float]:
 
 def choose_engine() -> tuple[str, str]:
     """Name the fastest engine that this machine can use, and the reason."""
-    from lacoloco.pipelines.machine import cores
+    from lacoloco.datasets.hardware import cores
     from lacoloco.pipelines.sim.engines import ENGINE_VARIABLE
 
     cpu = f"mujoco.batch on the CPU, {cores()} threads"

@@ -13,7 +13,7 @@ import typer
 
 from lacoloco_cli import console
 from lacoloco_cli.options import Seeds
-from lacoloco_cli.policies import missing, train_missing, trained
+from lacoloco_cli.policy_choice import missing, train_missing, trained
 from lacoloco_cli.session import Session, path_text, verb
 
 app = typer.Typer()
@@ -107,7 +107,7 @@ def show(answer: Mapping[str, Any]) -> None:
     """Print a row per policy, who stayed and where failures crowd, mean and spread over seeds, the
     best.
     """
-    from lacoloco.pipelines.conditions import describe
+    from lacoloco.pipelines.evaluation.failure_analysis import describe
 
     rows = answer["rows"]
     console.print_table(list(COLUMNS.values()), [[row[key] for key in COLUMNS] for row in rows])

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lacoloco_cli.policies import best
+from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
 
 app = typer.Typer()

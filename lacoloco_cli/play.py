@@ -14,7 +14,7 @@ import typer
 
 from lacoloco_cli.console import note
 from lacoloco_cli.failures import UserError
-from lacoloco_cli.policies import best
+from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import check_writable, copy_to
 
@@ -71,7 +71,7 @@ def play(
 ) -> None:
     """Watch a motion or a policy in the browser, or write it as one HTML file."""
     from lacoloco.datasets.published import resolve
-    from lacoloco.pipelines import playback as stage
+    from lacoloco.pipelines import play as stage
 
     if figure is not None:
         if html is not None or clip or latents:

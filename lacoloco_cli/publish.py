@@ -9,7 +9,7 @@ import typer
 
 from lacoloco_cli.console import note
 from lacoloco_cli.options import READING
-from lacoloco_cli.policies import best
+from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
 
 app = typer.Typer()

@@ -159,8 +159,8 @@ def retarget(
 
 def list_maps(session: Session) -> None:
     """Show which skeletons are known, and which selections of datasets."""
-    from lacoloco.pipelines.retargeting.selection import load_selection, shipped_selections
-    from lacoloco.pipelines.retargeting.skeleton_maps import shipped_maps
+    from lacoloco.pipelines.retargeting.mocap.selection import load_selection, shipped_selections
+    from lacoloco.pipelines.retargeting.mocap.skeleton_maps import shipped_maps
 
     maps = [
         {

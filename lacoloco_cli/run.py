@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import typer
 
 from lacoloco_cli import console
-from lacoloco_cli.campaign import Campaign, run_campaign
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import STAGE, Seeds
 from lacoloco_cli.session import Session, path_text, verb
+from lacoloco_cli.sweep import Campaign, run_campaign
 
 app = typer.Typer()
 
@@ -83,7 +83,8 @@ def run(
     With --methods or --executor: motions, then both levels of every method and seed, each in a job
     of its own, then the evaluation of all. Given again, it does what is missing.
     """
-    from lacoloco.pipelines import catalogue, experiments
+    from lacoloco.pipelines.chains import chain as experiments
+    from lacoloco.pipelines.chains import experiments as catalogue
 
     name = known_name(name, catalogue.EXPERIMENTS)
     if methods or executor or status:

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from lacoloco_cli.options import Checkpoint, Seeds
+from lacoloco_cli.seeds import taken_over, train_seeds
 from lacoloco_cli.session import Session, verb
-from lacoloco_cli.training import taken_over, train_seeds
 
 app = typer.Typer()
 

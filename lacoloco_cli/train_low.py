@@ -10,8 +10,8 @@ import typer
 
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import Checkpoint, Seeds
+from lacoloco_cli.seeds import taken_over, train_seeds
 from lacoloco_cli.session import Session, verb
-from lacoloco_cli.training import taken_over, train_seeds
 
 app = typer.Typer()
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from lacoloco.datasets.artifact import Artifact, write_artifact
-from lacoloco.pipelines.episodes import FIGURES, Episodes, play_episodes
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.evaluation.episodes import FIGURES, Episodes, play_episodes
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.commands import Range
 from lacoloco.pipelines.sim.randomisation import Randomisation

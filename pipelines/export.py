@@ -18,10 +18,10 @@ from torch import nn
 
 from lacoloco.datasets.artifact import Artifact, write_artifact
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.evaluation.rollout import record_reach
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import Policy, load_policies
-from lacoloco.pipelines.rollout import record_reach
-from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot

@@ -15,7 +15,7 @@ from lacoloco.datasets import published
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, save_clips
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.experts import (
+from lacoloco.pipelines.generation.expert_trainer import (
     ExpertConfig,
     ExpertTrainer,
     clean,
@@ -28,7 +28,7 @@ from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.tasks import TASKS
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import remove_checkpoints, train
+from lacoloco.pipelines.training.loop import remove_checkpoints, train
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 

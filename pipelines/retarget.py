@@ -19,10 +19,10 @@ from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.datasets.store import StageDir
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.batch import retarget_all
+from lacoloco.pipelines.retargeting.cache import Piece, clip_keys, earlier_pieces, pieces_in
 from lacoloco.pipelines.retargeting.config import RetargetConfig
-from lacoloco.pipelines.retargeting.earlier import Piece, clip_keys, earlier_pieces, pieces_in
-from lacoloco.pipelines.retargeting.selection import load_selection
-from lacoloco.pipelines.retargeting.sources import clip_names, find_recordings
+from lacoloco.pipelines.retargeting.mocap.selection import load_selection
+from lacoloco.pipelines.retargeting.mocap.sources import clip_names, find_recordings
 from lacoloco.pipelines.retargeting.worker import Task, Worker, picture_path, piece_path
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot

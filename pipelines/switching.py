@@ -2,7 +2,7 @@
 last.
 
 Played without noise, pushes and randomisation, motors as strong as they are; counted by
-:mod:`lacoloco.pipelines.skill_usage`.
+:mod:`lacoloco.pipelines.evaluation.skill_switching`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from lacoloco.datasets.clip import SCHEMA as MOTIONS
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.lineage import lineage
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.nearest_clip import NearestClip
-from lacoloco.pipelines.rollout import record_reach
-from lacoloco.pipelines.skill_usage import LAST, compare
+from lacoloco.pipelines.evaluation.rollout import record_reach
+from lacoloco.pipelines.evaluation.skill_classifier import NearestClip
+from lacoloco.pipelines.evaluation.skill_switching import LAST, compare
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot
 

@@ -12,12 +12,12 @@ from lacoloco.datasets.clip import load_clips, save_clips
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.performances import RecordingConfig, record, worlds
 from lacoloco.pipelines.policies import save_policies
-from lacoloco.pipelines.repertoire import repertoire
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.tracker import Shadow, TrackerConfig, TrackerTrainer
-from lacoloco.pipelines.training import remove_checkpoints, train
+from lacoloco.pipelines.tracking.recorder import RecordingConfig, record, worlds
+from lacoloco.pipelines.tracking.reference_clips import repertoire
+from lacoloco.pipelines.tracking.trainer import Shadow, TrackerConfig, TrackerTrainer
+from lacoloco.pipelines.training.loop import remove_checkpoints, train
 from lacoloco.robots.registry import load_robot
 
 SHOWN = ("reward", "lost_per_1000_steps", "falls_per_1000_steps", "std")

@@ -9,19 +9,25 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from lacoloco.datasets.store import ARTIFACT
-from lacoloco.pipelines.diagnosis import high_level_warnings
-from lacoloco.pipelines.episodes import play_episodes
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.high_level import HighTrainer
-from lacoloco.pipelines.high_level_config import PRICE, TrainHighConfig
-from lacoloco.pipelines.hindsight import HindsightConfig
+from lacoloco.pipelines.evaluation.episodes import play_episodes
+from lacoloco.pipelines.high_level.config import PRICE, TrainHighConfig
+from lacoloco.pipelines.high_level.hindsight import HindsightConfig
+from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
-from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import begin, describe, has_checkpoint, remove_checkpoints, train
+from lacoloco.pipelines.training.diagnostics import high_level_warnings
+from lacoloco.pipelines.training.loop import (
+    begin,
+    describe,
+    has_checkpoint,
+    remove_checkpoints,
+    train,
+)
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 

@@ -11,17 +11,23 @@ from pathlib import Path
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.store import ARTIFACT
-from lacoloco.pipelines.diagnosis import low_level_warnings
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import AseConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.low_level import LowTrainer
-from lacoloco.pipelines.low_level_config import TrainLowConfig
+from lacoloco.pipelines.low_level.config import TrainLowConfig
+from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.policies import save_policies
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training import begin, describe, has_checkpoint, remove_checkpoints, train
+from lacoloco.pipelines.training.diagnostics import low_level_warnings
+from lacoloco.pipelines.training.loop import (
+    begin,
+    describe,
+    has_checkpoint,
+    remove_checkpoints,
+    train,
+)
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from lacoloco.pipelines.worlds import pick, put, select
+from lacoloco.pipelines.masking import pick, put, select
 
 
 def project(unnormalized: torch.Tensor) -> torch.Tensor:

@@ -19,7 +19,7 @@ from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.exploration import Exploration
 from lacoloco.pipelines.learn.networks import NetworkConfig, example, make_actor, make_critic
 from lacoloco.pipelines.learn.returns import advantages
-from lacoloco.pipelines.worlds import pick, put, select
+from lacoloco.pipelines.masking import pick, put, select
 
 EXPLORE = "explore"
 """Observation group (N, 1): factor on the std that this step's action was sampled with, 0 where it

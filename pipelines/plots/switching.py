@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from lacoloco.pipelines.plots.style import COLOURS, GREY, paper_style, save
 
 if TYPE_CHECKING:
-    from lacoloco.pipelines.rollout import ReachRecording
-    from lacoloco.pipelines.skill_usage import Switching
+    from lacoloco.pipelines.evaluation.rollout import ReachRecording
+    from lacoloco.pipelines.evaluation.skill_switching import Switching
 
 SIZE = (6.6, 7.2)
 HEIGHTS = (1.5, 0.3, 1.1, 1.1, 0.9, 0.9)

@@ -8,10 +8,10 @@ from typing import Literal
 
 from lacoloco.datasets.mocap import UpAxis
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.retargeting.clip_problem import ClipWeights
-from lacoloco.pipelines.retargeting.reading import Reading
-from lacoloco.pipelines.retargeting.skeleton_maps import SkeletonMap, load_map, shipped_maps
-from lacoloco.pipelines.retargeting.trim import check_trim
+from lacoloco.pipelines.retargeting.mocap.reading import Reading
+from lacoloco.pipelines.retargeting.mocap.skeleton_maps import SkeletonMap, load_map, shipped_maps
+from lacoloco.pipelines.retargeting.mocap.trim import check_trim
+from lacoloco.pipelines.retargeting.solve.clip_problem import ClipWeights
 
 Mode = Literal["paper", "clip"]
 

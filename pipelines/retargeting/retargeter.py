@@ -12,15 +12,15 @@ import numpy as np
 from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.mocap import Mocap
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.kinematics import BodyPositions
-from lacoloco.pipelines.retargeting.assessment import Assessment
-from lacoloco.pipelines.retargeting.body_map import body_map, leg_geometry
-from lacoloco.pipelines.retargeting.clip_problem import ClipProblem, ClipWeights
 from lacoloco.pipelines.retargeting.config import Mode
 from lacoloco.pipelines.retargeting.filters import lower_envelope
-from lacoloco.pipelines.retargeting.pose_problem import PoseProblem, TrackedMotion
-from lacoloco.pipelines.retargeting.skeleton_maps import RULES, SkeletonMap
-from lacoloco.pipelines.retargeting.targets import (
+from lacoloco.pipelines.retargeting.forward_kinematics import BodyPositions
+from lacoloco.pipelines.retargeting.measure.assessment import Assessment
+from lacoloco.pipelines.retargeting.mocap.body_map import body_map, leg_geometry
+from lacoloco.pipelines.retargeting.mocap.skeleton_maps import RULES, SkeletonMap
+from lacoloco.pipelines.retargeting.solve.clip_problem import ClipProblem, ClipWeights
+from lacoloco.pipelines.retargeting.solve.pose_problem import PoseProblem, TrackedMotion
+from lacoloco.pipelines.retargeting.targets.targets import (
     ScaleRule,
     Targets,
     fitted_targets,

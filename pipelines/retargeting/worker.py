@@ -14,13 +14,13 @@ from lacoloco.datasets.hashing import hash_file
 from lacoloco.datasets.mocap import Mocap, read_bvh
 from lacoloco.datasets.provenance import git_commit, lacoloco_version
 from lacoloco.datasets.samples import DOG_BVH
-from lacoloco.pipelines.retargeting.body_map import side_partners
 from lacoloco.pipelines.retargeting.config import RetargetConfig
-from lacoloco.pipelines.retargeting.plausibility import check_recording
-from lacoloco.pipelines.retargeting.reading import Reading, limb_pairs
-from lacoloco.pipelines.retargeting.report import write_report
+from lacoloco.pipelines.retargeting.measure.report import write_report
+from lacoloco.pipelines.retargeting.mocap.body_map import side_partners
+from lacoloco.pipelines.retargeting.mocap.reading import Reading, limb_pairs
+from lacoloco.pipelines.retargeting.mocap.skeleton_maps import choose_map
 from lacoloco.pipelines.retargeting.retargeter import Retargeter
-from lacoloco.pipelines.retargeting.skeleton_maps import choose_map
+from lacoloco.pipelines.retargeting.validation import check_recording
 from lacoloco.robots.registry import load_robot
 
 SAMPLE_LICENCE = "BSD-3-Clause"

@@ -14,19 +14,19 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from lacoloco.pipelines.masking import pick, put, select
 from lacoloco.pipelines.sim import state as layouts
 from lacoloco.pipelines.sim.commands import TargetCommand, uniform
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS
+from lacoloco.pipelines.sim.contact_timer import FootTimer
 from lacoloco.pipelines.sim.engines import make_physics
-from lacoloco.pipelines.sim.feet import FootTimer
+from lacoloco.pipelines.sim.initial_states import StandingStarts, clip_starts
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters
 from lacoloco.pipelines.sim.randomisation import draw_parameters
 from lacoloco.pipelines.sim.rewards import REWARDS
-from lacoloco.pipelines.sim.starts import StandingStarts, clip_starts
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
 from lacoloco.pipelines.sim.tasks import Task
-from lacoloco.pipelines.worlds import pick, put, select
 from lacoloco.robots.spec import RobotSpec
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ import mujoco_warp as mjw
 import torch
 import warp as wp
 
+from lacoloco.pipelines.masking import pick, put
 from lacoloco.pipelines.sim.capacity import find_capacity
 from lacoloco.pipelines.sim.physics import (
     PHYSICS_DT,
@@ -24,7 +25,6 @@ from lacoloco.pipelines.sim.physics import (
     WorldParameters,
     monitored_bodies,
 )
-from lacoloco.pipelines.worlds import pick, put
 from lacoloco.robots.scene import compile_scene
 
 # Its greeting and its list of compiled modules go to stdout, where a verb's answer belongs.

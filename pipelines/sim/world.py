@@ -8,7 +8,7 @@ from typing import Protocol
 
 import torch
 
-from lacoloco.pipelines.sim.feet import FootTimer
+from lacoloco.pipelines.sim.contact_timer import FootTimer
 from lacoloco.pipelines.sim.physics import Physics
 from lacoloco.pipelines.sim.state import RobotState
 

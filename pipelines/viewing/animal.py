@@ -12,9 +12,9 @@ from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.hashing import hash_file
 from lacoloco.datasets.mocap import Mocap
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.recording import Recording
-from lacoloco.pipelines.retargeting.contacts import ContactRule, stance_heights
-from lacoloco.pipelines.retargeting.reading import Reading
+from lacoloco.pipelines.retargeting.mocap.reading import Reading
+from lacoloco.pipelines.retargeting.targets.contacts import ContactRule, stance_heights
+from lacoloco.pipelines.viewing.recording import Recording
 from lacoloco.robots.spec import RobotSpec
 
 

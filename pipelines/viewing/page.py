@@ -18,10 +18,10 @@ import numpy as np
 import umsgpack
 
 from lacoloco.datasets import rotations
-from lacoloco.pipelines.kinematics import BodyPositions
-from lacoloco.pipelines.recording import Recording
 from lacoloco.pipelines.retargeting.filters import smooth
+from lacoloco.pipelines.retargeting.forward_kinematics import BodyPositions
 from lacoloco.pipelines.viewing import scene
+from lacoloco.pipelines.viewing.recording import Recording
 from lacoloco.robots.spec import RobotSpec
 
 VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"

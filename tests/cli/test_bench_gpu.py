@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import gpu_bench
+from lacoloco.pipelines.benchmarks import gpu as gpu_bench
+from lacoloco.pipelines.benchmarks.gpu import TRAININGS, interrupted_after
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.gpu_bench import TRAININGS, interrupted_after
 from lacoloco_cli.main import app
 
 TINY = ("gpu", "--worlds", "8", "--seconds", "0", "--device", "cpu")

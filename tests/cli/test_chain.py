@@ -176,8 +176,8 @@ def test_misspelt_key_and_preset_are_refused_before_anything_is_done(tmp_path, v
 
 @pytest.mark.slow
 def test_a_training_goes_on_elsewhere_from_one_file(chain, monkeypatch, tmp_path):
-    from lacoloco.pipelines import training
-    from lacoloco.pipelines.low_level import LowTrainer
+    from lacoloco.pipelines.low_level.trainer import LowTrainer
+    from lacoloco.pipelines.training import loop as training
 
     real, calls = LowTrainer.iterate, []
 
@@ -213,7 +213,7 @@ def test_a_training_goes_on_elsewhere_from_one_file(chain, monkeypatch, tmp_path
 
 @pytest.mark.slow
 def test_interrupted_training_goes_on_where_it_stopped(chain, monkeypatch):
-    from lacoloco.pipelines.low_level import LowTrainer
+    from lacoloco.pipelines.low_level.trainer import LowTrainer
 
     real, calls = LowTrainer.iterate, []
 

@@ -40,7 +40,7 @@ def test_a_forced_engine_is_said(monkeypatch):
 
 
 def test_throughput_is_measured_if_asked_for(monkeypatch):
-    from lacoloco.pipelines import bench
+    from lacoloco.pipelines.benchmarks import throughput as bench
 
     asked = []
 
@@ -109,7 +109,7 @@ def test_read_only_runs_folder_is_found(read_only_folder):
 
 
 def test_simulation_that_does_not_run_is_found(monkeypatch):
-    from lacoloco.pipelines import bench
+    from lacoloco.pipelines.benchmarks import throughput as bench
 
     def broken(config):
         raise OSError("libmujoco.so: cannot be opened")

@@ -5,9 +5,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from lacoloco.pipelines import experiments
-from lacoloco.pipelines.catalogue import EXPERIMENTS
-from lacoloco.pipelines.experiments import Outcome
+from lacoloco.pipelines.chains import chain as experiments
+from lacoloco.pipelines.chains.chain import Outcome
+from lacoloco.pipelines.chains.experiments import EXPERIMENTS
 from lacoloco_cli.main import app
 
 

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.clip import save_clips
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import training
-from lacoloco.pipelines.bench import made_up_clips
-from lacoloco.pipelines.low_level import LowTrainer
+from lacoloco.pipelines.benchmarks.throughput import made_up_clips
+from lacoloco.pipelines.low_level.trainer import LowTrainer
+from lacoloco.pipelines.training import loop as training
 from lacoloco.robots.registry import load_robot
 from lacoloco_cli.main import app
 

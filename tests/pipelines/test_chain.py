@@ -12,21 +12,14 @@ import torch
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import (
-    evaluate,
-    export,
-    generate,
-    playback,
-    rollout,
-    switching,
-    train_high,
-    train_low,
-)
+from lacoloco.pipelines import evaluate, export, generate, switching, train_high, train_low
+from lacoloco.pipelines import play as playback
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.evaluation import rollout
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.hierarchy import LatentSteeredEnv
+from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.stage import StageContext

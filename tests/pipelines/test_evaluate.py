@@ -9,8 +9,8 @@ import pytest
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import evaluate
-from lacoloco.pipelines.episodes import Episodes
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.evaluation.episodes import Episodes
 from lacoloco.pipelines.stage import StageContext
 
 ERRORS = {  # (seed of the policy, seed of the episodes) -> error

@@ -12,14 +12,18 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines import experts, high_level, low_level, train_high
-from lacoloco.pipelines.bench import made_up_clips
-from lacoloco.pipelines.experts import ExpertTrainer, smoke_expert
-from lacoloco.pipelines.high_level import HighTrainer
+from lacoloco.pipelines import train_high
+from lacoloco.pipelines.benchmarks.throughput import made_up_clips
+from lacoloco.pipelines.generation import expert_trainer as experts
+from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer, smoke_expert
+from lacoloco.pipelines.high_level import trainer as high_level
+from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn import latents, ppo
 from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.low_level import LowTrainer
-from lacoloco.pipelines.sim import env, retries
+from lacoloco.pipelines.low_level import trainer as low_level
+from lacoloco.pipelines.low_level.trainer import LowTrainer
+from lacoloco.pipelines.sim import env
+from lacoloco.pipelines.sim import episode_restarts as retries
 from lacoloco.pipelines.train_low import smoke as smoke_low
 
 READS = (

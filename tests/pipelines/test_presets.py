@@ -6,8 +6,8 @@ from importlib import import_module
 import pytest
 
 from lacoloco.pipelines import generate, train_high, train_low
-from lacoloco.pipelines.catalogue import STAGES
-from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
+from lacoloco.pipelines.chains.experiments import STAGES
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 
 
 @pytest.mark.parametrize("module", STAGES.values())

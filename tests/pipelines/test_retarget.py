@@ -343,7 +343,7 @@ def test_another_skeleton_needs_a_map_and_then_gives_the_same(context, short_dog
     other.write_text(path.read_text().replace("Hand", "Wrist").replace("UpLeg", "Thigh"))
     with pytest.raises(DatasetError, match="'mann-dog', needs LeftHand, RightHand, LeftUpLeg"):
         retarget.run(QUICK, context, sources=[other])
-    text = (Path(retarget.__file__).parent / "retargeting/maps/mann-dog.toml").read_text()
+    text = (Path(retarget.__file__).parent / "retargeting/mocap/maps/mann-dog.toml").read_text()
     own = tmp_path / "own.toml"
     own.write_text(text.replace("Hand", "Wrist").replace("UpLeg", "Thigh"))
     result = retarget.run(replace(QUICK, map=str(own)), context, sources=[other])

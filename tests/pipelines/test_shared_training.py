@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines.bench import made_up_clips
+from lacoloco.pipelines.benchmarks.throughput import made_up_clips
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn import parallel
-from lacoloco.pipelines.low_level import LowTrainer
+from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.train_low import shared, smoke
 from lacoloco.robots.registry import load_robot
 

@@ -10,11 +10,12 @@ import torch
 from lacoloco.datasets.clip import load_clips, save_clips
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import performances, track
-from lacoloco.pipelines.references import AHEAD, References
-from lacoloco.pipelines.repertoire import repertoire
+from lacoloco.pipelines import track
 from lacoloco.pipelines.stage import StageContext
-from lacoloco.pipelines.tracker import NEVER, Shadow, TrackerConfig, TrackerTrainer
+from lacoloco.pipelines.tracking import recorder as performances
+from lacoloco.pipelines.tracking.reference_clips import repertoire
+from lacoloco.pipelines.tracking.reference_motion import AHEAD, References
+from lacoloco.pipelines.tracking.trainer import NEVER, Shadow, TrackerConfig, TrackerTrainer
 
 
 @pytest.fixture

@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lacoloco.pipelines.high_level import HighTrainer
-from lacoloco.pipelines.high_level_config import PRICE
+from lacoloco.pipelines.high_level.config import PRICE
+from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Head, Policy
-from lacoloco.pipelines.sim.hierarchy import HOLD_STEPS
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.tasks import reach_task
 from lacoloco.pipelines.train_high import priced, smoke
 

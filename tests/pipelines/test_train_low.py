@@ -7,7 +7,7 @@ import torch
 
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.low_level import LowTrainer
+from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.train_low import load_motions, smoke
 
 JOINTS = slice(10, 22)

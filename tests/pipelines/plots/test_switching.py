@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from lacoloco.pipelines.evaluation.rollout import ReachRecording
+from lacoloco.pipelines.evaluation.skill_switching import Switching
 from lacoloco.pipelines.plots import switching as plots
-from lacoloco.pipelines.rollout import ReachRecording
-from lacoloco.pipelines.skill_usage import Switching
 
 
 def test_the_picture_has_all_that_happened(tmp_path, monkeypatch):

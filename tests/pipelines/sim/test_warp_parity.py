@@ -14,7 +14,7 @@ import torch
 
 from lacoloco.datasets import published
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.experts import clean
+from lacoloco.pipelines.generation.expert_trainer import clean
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.env import LeggedEnv

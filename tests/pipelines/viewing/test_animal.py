@@ -9,10 +9,10 @@ from lacoloco.datasets.mocap import load_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import retarget
-from lacoloco.pipelines.kinematics import BodyPositions
-from lacoloco.pipelines.recording import from_clip
+from lacoloco.pipelines.retargeting.forward_kinematics import BodyPositions
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.pipelines.viewing.animal import with_animal
+from lacoloco.pipelines.viewing.recording import from_clip
 from lacoloco.robots.registry import load_robot
 
 SPEC = load_robot("solo12")

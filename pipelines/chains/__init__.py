@@ -1,0 +1,1 @@
+"""Experiments, sweeps and jobs: the only place where stages meet."""

@@ -1,0 +1,105 @@
+"""What there is to run: the paper's methods, and its experiments as chains of stages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from lacoloco.pipelines.errors import StageError
+
+METHODS = {
+    "gan": ("gan", False),
+    "drail": ("drail", False),
+    "gan-cat": ("gan", True),
+    "drail-cat": ("drail", True),
+}
+"""The paper's four methods: discriminator, and whether the foot forces are constrained."""
+STAGES = {
+    "generate": "generate",
+    "retarget": "retarget",
+    "track": "track",
+    "train-low": "train_low",
+    "train-high": "train_high",
+    "eval": "evaluate",
+    "export": "export",
+    "play": "play",
+}
+"""Verb -> module of ``lacoloco.pipelines``, in the order of the chain."""
+FOLLOWS = {"track": "retarget"}
+"""Maker of motions -> the maker whose motions it takes."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One chain.
+
+    Attributes:
+        robot: name of the robot.
+        makers: the stages that make motions, ``generate``, ``retarget`` and ``track``, in their
+            order.
+        learn_from: those of them whose motions the low level imitates.
+        about: one line for a person.
+        episodes: at most so many are evaluated; a quickstart does not need the paper's 4096.
+        decisions: at most so many train the high level; a quickstart shows that it works, not how
+            well in the end.
+        settings: verb -> fields of its config that are not the preset's.
+        start_from: names of published policies; the chain begins with the low level of the first
+            that there is.
+    """
+
+    robot: str
+    makers: tuple[str, ...]
+    learn_from: tuple[str, ...]
+    about: str
+    episodes: int = 4096
+    decisions: int | None = None
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    start_from: tuple[str, ...] = ()
+
+
+EXPERIMENTS = {
+    "quickstart": Experiment(
+        "solo12",
+        ("retarget", "generate"),
+        ("generate",),
+        "the whole chain on Solo12 in minutes",
+        episodes=1024,
+        decisions=600_000,
+        start_from=("solo12-synthetic-low", "solo12-synthetic"),
+    ),
+    "solo12-synthetic": Experiment(
+        "solo12", ("generate",), ("generate",), "walking and reaching experts"
+    ),
+    "solo12-dog": Experiment(
+        "solo12",
+        ("retarget", "track"),
+        ("track",),
+        "a dog's motions, as the robot performs them",
+        settings={"retarget": {"augment": True}},
+    ),
+    "solo12-dog-reach": Experiment(
+        "solo12",
+        ("retarget", "track", "generate"),
+        ("track", "generate"),
+        "a dog's motions, and how to reach from an expert: few recordings of dogs show a raised "
+        "foot",
+        settings={
+            "retarget": {"augment": True},
+            "generate": {"walk_clips": 0},
+            "train-low": {"skill_shares": (("dog", 0.6), ("reach", 0.4))},
+        },
+    ),
+    "h1-synthetic": Experiment("h1", ("generate",), ("generate",), "the same on the humanoid"),
+}
+
+
+def known(choices: dict[str, Any], name: str, what: str) -> Any:
+    """The choice of that name.
+
+    Raises:
+        StageError: none has it; the message says what ``what`` may be.
+    """
+    if name not in choices:
+        raise StageError(f"{what} '{name}': not known; use one of {', '.join(choices)}")
+    return choices[name]

@@ -1,0 +1,178 @@
+"""One experiment for several methods and seeds, each a member trained in a job of its own.
+
+What there is to do is read off the run: a member whose policy is there is done, one that was cut
+short goes on from its checkpoint, one that failed is tried again. So the same command, given again,
+does what is missing and nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from lacoloco.datasets.artifact import read_header
+from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines.chains import chain as experiments
+from lacoloco.pipelines.chains.experiments import METHODS
+from lacoloco.pipelines.chains.jobs import make_executor, run_jobs
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.stage import StageContext
+
+JOBS = "jobs"
+"""Folder of a run for the jobs' output."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """One method with one seed, and how far it is.
+
+    Attributes:
+        status: ``done``, ``failed`` (in this call), ``unfinished`` (a training was cut short) or
+            ``missing``.
+        samples: control steps of the training it is at, as far as they are logged.
+        low: its low level, if there is one.
+        high: its high level, if there is one.
+        error: one line of what went wrong.
+        seconds: of its job in this call.
+    """
+
+    method: str
+    seed: int
+    status: str = "missing"
+    samples: int = 0
+    low: Path | None = None
+    high: Path | None = None
+    error: str = ""
+    seconds: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Also the label of its trainings."""
+        return f"{self.method}-seed{self.seed}"
+
+
+def chosen_methods(text: str) -> list[str]:
+    """The methods in ``all`` or in names separated by commas.
+
+    Raises:
+        StageError: a name that is no method.
+    """
+    names = (
+        list(METHODS)
+        if text == "all"
+        else [name.strip() for name in text.split(",") if name.strip()]
+    )
+    unknown = [name for name in names if name not in METHODS]
+    if unknown or not names:
+        raise StageError(f"--methods {text}: use all, or some of {', '.join(METHODS)}")
+    return list(dict.fromkeys(names))
+
+
+def members(
+    store: RunStore, run: str, methods: Iterable[str], seeds: Iterable[int]
+) -> list[Member]:
+    """Every member, method by method, as the run shows it."""
+    return [_look(store, run, Member(method, seed)) for method, seed in product(methods, seeds)]
+
+
+def run_members(
+    name: str,
+    context: StageContext,
+    *,
+    preset: str,
+    methods: Sequence[str],
+    seeds: int,
+    executor: str = "local",
+    at_once: int = 1,
+    options: Mapping[str, Any] | None = None,
+    mocap: Sequence[Path] = (),
+) -> tuple[list[Member], experiments.Outcome | None]:
+    """Make the motions if there are none, train what is missing, and evaluate all that is there.
+
+    Args:
+        name: a key of ``catalogue.EXPERIMENTS``.
+        context: run, first seed, device.
+        preset: preset of every stage.
+        methods: keys of ``METHODS``.
+        seeds: per method, from ``context.seed`` upwards.
+        executor: ``local`` or ``slurm``.
+        at_once: so many jobs at a time.
+        options: Slurm's parameters.
+        mocap: files to retarget instead of the bundled sample.
+
+    Returns:
+        The members, and the evaluation of those that are done; None when none is.
+
+    Raises:
+        StageError: the experiment, preset or executor does not exist.
+    """
+    store, run, progress = context.store, context.run, context.progress
+    numbers = range(context.seed, context.seed + seeds)
+    jobs_folder = store.directory(run) / JOBS
+    machine = make_executor(executor, jobs_folder, options)
+    experiments.make_motions(name, context, preset=preset, mocap=mocap)
+    found = {member.name: member for member in members(store, run, methods, numbers)}
+    todo = [member for member in found.values() if member.status != "done"]
+    shared = (name, str(store.root.resolve()), run, preset)
+    work = {m.name: (*shared, m.method, m.seed, context.device, context.command) for m in todo}
+    progress.start(f"{len(todo)} of {len(found)} members", len(todo))
+    for count, ended in enumerate(run_jobs(machine, train_member, work, at_once=at_once), 1):
+        member = _look(store, run, found[ended.name])
+        failed = member.status != "done"
+        error = (ended.error or "its job ended without a policy") if failed else ""
+        status = "failed" if failed else "done"
+        found[member.name] = replace(member, status=status, error=error, seconds=ended.seconds)
+        progress.say(f"{member.name}: {status}{f', {error}; see {ended.log}*' if failed else ''}")
+        progress.advance(count)
+    progress.stop()
+    policies = [member.high for member in found.values() if member.high is not None]
+    evaluation = (
+        experiments.evaluate(name, context, preset=preset, policies=policies) if policies else None
+    )
+    return list(found.values()), evaluation
+
+
+def train_member(
+    name: str, root: str, run: str, preset: str, method: str, seed: int, device: str, command: str
+) -> None:
+    """Both levels of one member, as far as they are not there: what a job does."""
+    context = StageContext(
+        RunStore(Path(root)), run, seed=seed, device=device, resume=True, command=command
+    )
+    experiments.train_both(name, context, preset=preset, method=method)
+
+
+def _look(store: RunStore, run: str, member: Member) -> Member:
+    paths = {stage: _trained(store, run, stage, member) for stage in ("train-low", "train-high")}
+    partials = [part for stage in paths for part in store.partials(run, stage, member.name)]
+    begun = partials or paths["train-low"]
+    status = "done" if paths["train-high"] else "unfinished" if begun else "missing"
+    samples = _samples(partials[-1].path) if partials else 0
+    return replace(
+        member, status=status, samples=samples, low=paths["train-low"], high=paths["train-high"]
+    )
+
+
+def _trained(store: RunStore, run: str, stage: str, member: Member) -> Path | None:
+    for path in reversed(store.all(run, stage)):
+        header = read_header(path)
+        if header.seed == member.seed and header.metadata.get("method") == member.method:
+            return path
+    return None
+
+
+def _samples(directory: Path) -> int:
+    try:
+        last = (directory / "metrics.jsonl").read_text().splitlines()[-1]
+        return int(json.loads(last)["samples"])
+    except (
+        OSError,
+        IndexError,
+        ValueError,
+        KeyError,
+    ):  # nothing logged yet, or a line is being written
+        return 0

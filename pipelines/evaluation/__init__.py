@@ -1,0 +1,1 @@
+"""Episodes played and counted: errors, falls, skills, robustness."""

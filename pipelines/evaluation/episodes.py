@@ -1,0 +1,162 @@
+"""Episodes of the reach task, played to their end and counted: the measure of a pair of
+policies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+
+from lacoloco.pipelines.evaluation.failure_analysis import Crowd, conditions, crowds
+from lacoloco.pipelines.learn.latents import project
+from lacoloco.pipelines.policies import Policy
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
+from lacoloco.pipelines.sim.randomisation import Randomisation
+from lacoloco.pipelines.sim.tasks import Task, reach_task
+from lacoloco.pipelines.stage import SILENT, Progress
+from lacoloco.robots.spec import RobotSpec
+
+FIGURES = (
+    "ee_error_mean_m",
+    "ee_error_std_m",
+    "ee_error_median_m",
+    "contact_violation_pct",
+    "falls_pct",
+    "missed_pct",
+)
+OUTCOMES = ("error", "fell", "above_limit", "substeps")
+"""Fields of :class:`Episodes` that are counted while they are played."""
+MISSED = 0.3
+"""Metres from the target beyond which an episode that did not fall has missed it."""
+STAYED = 0.4
+"""Metres by which an episode that ends where it began may seem to have come nearer: the foot is
+that far ahead of the base.
+"""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Outcomes of E episodes.
+
+    Attributes:
+        error: (E,) distance of the end effector from the target at the last step before the end
+            [m].
+        fell: (E,) bool.
+        above_limit: (E, F) substeps in which a foot's contact force exceeded the limit.
+        substeps: (E,) substeps lived through.
+        conditions: what differed between them, (E,) each; see
+            :func:`lacoloco.pipelines.evaluation.failure_analysis.conditions`.
+    """
+
+    error: np.ndarray
+    fell: np.ndarray
+    above_limit: np.ndarray
+    substeps: np.ndarray
+    conditions: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def missed(self) -> np.ndarray:
+        """(E,) bool, ended without a fall further than ``MISSED`` from the target."""
+        return ~self.fell & (self.error > MISSED)
+
+    @property
+    def stayed(self) -> np.ndarray:
+        """(E,) bool, missed and ended about as far from the target as the base was from it at the
+        start.
+        """
+        return self.missed & (self.error > self.conditions["target_distance_m"] - STAYED)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All of it by name, the conditions behind a slash."""
+        outcomes = {name: getattr(self, name) for name in OUTCOMES}
+        return outcomes | {f"conditions/{name}": values for name, values in self.conditions.items()}
+
+    def crowds(self) -> list[Crowd]:
+        """Where falls and misses crowd."""
+        return crowds({"falls": self.fell, "missed": self.missed}, self.conditions)
+
+    def figures(self) -> dict[str, float]:
+        """Table I's columns, and the two that its mean hides.
+
+        Error mean and std [m], its median [m]; share of foot-substeps above the limit [%]; share of
+        episodes that end in a fall [%], and of those that end, without one, further than ``MISSED``
+        from the target [%].
+        """
+        feet = self.above_limit.shape[1]
+        values = (
+            self.error.mean(),
+            self.error.std(),
+            np.median(self.error),
+            100.0 * self.above_limit.sum() / max(self.substeps.sum() * feet, 1.0),
+            100.0 * self.fell.mean(),
+            100.0 * self.missed.mean(),
+        )
+        return dict(zip(FIGURES, map(float, values), strict=True))
+
+
+def play_episodes(
+    spec: RobotSpec,
+    policies: Mapping[str, Policy],
+    episodes: int,
+    *,
+    worlds: int,
+    seed: int,
+    device: str = "cpu",
+    randomisation: Randomisation | None = None,
+    progress: Progress = SILENT,
+) -> Episodes:
+    """Play ``episodes`` episodes, each in a world with its own randomisation, motors as strong as
+    they are, noise off.
+
+    Pushes and randomisation stay on, as in the original's evaluation (facts 2.2). Without a policy
+    ``high`` every decision is a random latent, which is what an untrained high level amounts to.
+    ``randomisation`` takes the place of the task's.
+    """
+    worlds = min(worlds, episodes)
+    task = replace(reach_task(spec), noise=0.0, training_limits=False)
+    task = replace(task, randomisation=randomisation or task.randomisation)
+    parts = []
+    for chunk in range(-(-episodes // worlds)):
+        parts.append(_play(spec, task, policies, worlds, seed + chunk, device))
+        progress.advance(min((chunk + 1) * worlds, episodes))
+    return _joined(parts, episodes)
+
+
+def _joined(parts: list[Episodes], episodes: int) -> Episodes:
+    """The first ``episodes`` of them."""
+
+    def join(arrays: Iterable[np.ndarray]) -> np.ndarray:
+        return np.concatenate(list(arrays))[:episodes]
+
+    outcomes = (join(getattr(part, name) for part in parts) for name in OUTCOMES)
+    given = {name: join(part.conditions[name] for part in parts) for name in parts[0].conditions}
+    return Episodes(*outcomes, given)
+
+
+def _play(
+    spec: RobotSpec, task: Task, policies: Mapping[str, Policy], worlds: int, seed: int, device: str
+) -> Episodes:
+    base = LeggedEnv(spec, task, worlds, seed=seed, device=device)
+    env = LatentSteeredEnv(base, policies["low"], policies["low"].head.sizes["latent"])
+    draw = torch.Generator().manual_seed(seed)
+    given = {name: values.cpu().numpy().copy() for name, values in conditions(base).items()}
+    alive = torch.ones(worlds, dtype=torch.bool, device=env.device)
+    fell, error = torch.zeros_like(alive), torch.zeros(worlds, device=env.device)
+    above = torch.zeros(worlds, len(spec.feet), device=env.device)
+    lived = torch.zeros(worlds, device=env.device)
+    for _ in range(task.episode_steps // HOLD_STEPS):
+        if "high" in policies:
+            raw = policies["high"](env.observe())
+        else:
+            raw = torch.randn(env.latent.shape, generator=draw).to(env.device)
+        decision = env.step(project(raw))
+        error = torch.where(alive, decision.error, error)
+        above += decision.above_limit * alive[:, None]
+        lived += decision.substeps * alive
+        fell |= decision.fell & alive
+        alive &= ~decision.done
+    return Episodes(*(tensor.cpu().numpy() for tensor in (error, fell, above, lived)), given)

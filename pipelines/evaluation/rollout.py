@@ -1,0 +1,153 @@
+"""Episodes of the reach task, recorded step by step, for playback, export and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule, project
+from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
+from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
+from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, reach_task
+from lacoloco.robots.registry import load_robot
+
+
+@dataclass(frozen=True)
+class ReachRecording:
+    """T control steps of each of E episodes.
+
+    Attributes:
+        qpos: (E, T, 7 + J) root position [m], quaternion wxyz, joints [rad].
+        target: (E, T, 3) world target [m].
+        end_effector: (E, T, 3) world [m].
+        contact: (E, T, F) bool, feet on the ground.
+        steering: (E, T, d) unit latent in force.
+        low_obs: (T E, P) low-level observations, step by step, with ``latent`` (T E, d) the latents
+            beside them.
+        high_obs: (T E / 5, H) high-level observations, decision by decision.
+        fell: (E,) bool.
+    """
+
+    qpos: np.ndarray
+    target: np.ndarray
+    end_effector: np.ndarray
+    contact: np.ndarray
+    steering: np.ndarray
+    low_obs: np.ndarray
+    latent: np.ndarray
+    high_obs: np.ndarray
+    fell: np.ndarray
+    robot: str
+    fps: float = 1.0 / CONTROL_DT
+
+
+@dataclass(frozen=True)
+class LowRecording:
+    """T control steps of each of E episodes of a low level alone; fields as in
+    :class:`ReachRecording`.
+    """
+
+    qpos: np.ndarray
+    contact: np.ndarray
+    steering: np.ndarray
+    fell: np.ndarray
+    robot: str
+    fps: float = 1.0 / CONTROL_DT
+
+
+def record_low(
+    policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0, changing: bool = False
+) -> LowRecording:
+    """Play a low level from a standing start, without noise, pushes or randomisation, steered by
+    latents drawn from ``seed``.
+
+    Each episode holds one latent to its end; ``changing`` ones are drawn anew after random times,
+    as in training.
+
+    Raises:
+        ArtifactError: ``policy`` is missing, damaged, or holds no low level.
+    """
+    artifact, policies = load_policies(policy, "low")
+    low, spec = policies["low"], load_robot(artifact.robot)
+    task = replace(
+        imitate_task(spec, constrained=False),
+        noise=0.0,
+        training_limits=False,
+        randomisation=NO_RANDOMISATION,
+        reset=ResetConfig(heading=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0)),
+    )
+    env = LeggedEnv(spec, task, episodes, seed=seed)
+    steps = max(1, round(seconds / CONTROL_DT))
+    held = (
+        LatentConfig(low.head.sizes["latent"])
+        if changing
+        else LatentConfig(low.head.sizes["latent"], steps, steps)
+    )
+    latents = LatentSchedule(episodes, held, seed=seed)
+    fell = torch.zeros(episodes, dtype=torch.bool)
+    qpos, contact, steering = [], [], []
+    for _ in range(steps):
+        steering.append(latents.z)
+        fell |= env.step(low(env.observe(), latents.z)).fell
+        qpos.append(env.physics.qpos)
+        contact.append(env.feet.contact)
+        latents.advance(torch.zeros_like(fell))
+    rows = [torch.stack(steps, dim=1).numpy() for steps in (qpos, contact, steering)]
+    return LowRecording(*rows, fell=fell.numpy(), robot=spec.name)
+
+
+def record_reach(
+    policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0
+) -> ReachRecording:
+    """Play a high-level artifact's policies without noise, pushes or randomisation, motors as
+    strong as they are.
+
+    Raises:
+        ArtifactError: ``policy`` is missing, damaged, or holds no high level.
+    """
+    artifact, policies = load_policies(policy, "low", "high")
+    spec = load_robot(artifact.robot)
+    task = replace(
+        reach_task(spec), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION
+    )
+    env = LatentSteeredEnv(
+        LeggedEnv(spec, task, episodes, seed=seed),
+        policies["low"],
+        policies["low"].head.sizes["latent"],
+    )
+    rows: dict[str, list[torch.Tensor]] = {
+        name: [] for name in ("qpos", "target", "end_effector", "contact", "steering")
+    }
+    low_obs, high_obs = [], []
+    fell = torch.zeros(episodes, dtype=torch.bool)
+
+    def keep(base: LeggedEnv) -> None:
+        values = (
+            base.physics.qpos,
+            base.command.clone(),
+            base.end_effector(),
+            base.feet.contact,
+            env.latent,
+        )
+        for name, value in zip(rows, values, strict=True):
+            rows[name].append(value)
+        low_obs.append(base.observe()[:, : policies["low"].head.sizes["policy"]])
+
+    for _ in range(max(1, round(seconds / CONTROL_DT / HOLD_STEPS))):
+        high_obs.append(env.observe())
+        fell |= env.step(project(policies["high"](high_obs[-1])), keep).fell
+    stacked = {name: torch.stack(steps, dim=1).numpy() for name, steps in rows.items()}
+    return ReachRecording(
+        **stacked,
+        low_obs=torch.cat(low_obs).numpy(),
+        latent=torch.cat(rows["steering"]).numpy(),
+        high_obs=torch.cat(high_obs).numpy(),
+        fell=fell.numpy(),
+        robot=spec.name,
+    )

@@ -1,0 +1,203 @@
+"""What a high level begins with: where latents took the end effector, told as if that had been the
+target.
+
+Before anything is rewarded, random latents are held for a while each. Whatever the end effector
+came to is a target that this latent serves, from the state in which it was taken up (hindsight
+relabelling, Andrychowicz et al. 2017; cloned as in Ghosh et al. 2021). A policy fitted to that
+points the right way from the first decision on; PPO starts from there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from rsl_rl.models import MLPModel
+from tensordict import TensorDict
+
+from lacoloco.datasets.rotations import rotate_inverse
+from lacoloco.pipelines.learn.latents import sample_latents
+from lacoloco.pipelines.masking import put, select
+from lacoloco.pipelines.sim.commands import TargetCommand, uniform
+from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
+
+STRIDE = 0.15
+"""Metres that the end effector must have moved over ground for a latent to count as one that goes
+somewhere.
+"""
+TAKEN_UP = 3
+"""Decisions after a change of latent whose states count: later ones already show what the latent
+does.
+"""
+NORM_WEIGHT = 0.1
+
+
+@dataclass(frozen=True)
+class HindsightConfig:
+    """How much is looked at, and how often.
+
+    Attributes:
+        decisions: random decisions per world; 0 begins with a random network.
+        hold: fewest and most decisions for which a latent is held.
+        farthest: a latent that walks serves targets up to so far in the direction in which it went
+            [m].
+        steps: gradient steps.
+        batch: examples per step.
+    """
+
+    decisions: int = 100
+    hold: tuple[int, int] = (5, 25)
+    farthest: float = 2.0
+    steps: int = 1500
+    batch: int = 2048
+
+
+@dataclass(frozen=True)
+class Memory:
+    """T decisions of N worlds, each as it was taken.
+
+    Attributes:
+        obs: (T, N, H) high-level observations.
+        latent: (T, N, d) unit latents.
+        tip: (T, N, 3) world position of the end effector [m].
+        root_pos: (T, N, 3) world [m].
+        root_quat: (T, N, 4) wxyz.
+        until: (T, N) the last decision before the latent changes or the episode ends.
+        taken_up: (n,) rows t N + world of the decisions that follow closely on a change of latent.
+    """
+
+    obs: torch.Tensor
+    latent: torch.Tensor
+    tip: torch.Tensor
+    root_pos: torch.Tensor
+    root_quat: torch.Tensor
+    until: torch.Tensor
+    taken_up: torch.Tensor
+
+
+def explore(env: LatentSteeredEnv, config: HindsightConfig, draw: torch.Generator) -> Memory:
+    """Hold random latents in every world and remember what came of them."""
+    worlds, dim = env.latent.shape
+    rows: dict[str, list[torch.Tensor]] = {
+        name: [] for name in ("obs", "latent", "tip", "root_pos", "root_quat", "ends")
+    }
+    z, left = sample_latents(worlds, dim, draw), _holds(worlds, config, draw)
+    for _ in range(config.decisions):
+        state = env.env.state
+        now = (env.observe(), z, env.env.end_effector(), state.root_pos, state.root_quat)
+        decision = env.step(z)
+        left = left - 1
+        ends = decision.done | (left <= 0)
+        for name, value in zip(rows, (*now, ends), strict=True):
+            rows[name].append(value)
+        env.reset(decision.done)
+        changing = select(ends)
+        z, left = z.clone(), left.clone()
+        put(z, changing, sample_latents(len(changing), dim, draw))
+        put(left, changing, _holds(len(changing), config, draw))
+    series = {name: torch.stack(values) for name, values in rows.items()}
+    ends = series.pop("ends")
+    return Memory(
+        **series, until=_until(ends), taken_up=torch.nonzero(_fresh(ends).flatten()).flatten()
+    )
+
+
+def relabel(
+    memory: Memory,
+    command: TargetCommand,
+    config: HindsightConfig,
+    count: int,
+    draw: torch.Generator,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Draw examples: (count, 3) targets in the base frame, (count,) rows of the flattened memory,
+    (count,) weights.
+
+    A latent that lifted the foot into the targets' heights serves just the point it came to; one
+    that went somewhere serves all points in that direction, of any height, and the more so the
+    faster it went; others serve nothing.
+    """
+    steps, worlds = memory.until.shape
+    rows = memory.taken_up[
+        torch.randint(0, len(memory.taken_up), (count,), generator=draw, device=draw.device)
+    ]
+    when, world = rows // worlds, rows % worlds
+    span = memory.until[when, world] - when
+    chance, reach = torch.rand(2, count, generator=draw, device=draw.device)
+    later = (when + 1 + (chance * span).long()).clamp_max(steps - 1)
+    start, end = memory.tip[when, world], memory.tip[later, world]
+    moved = (end - start)[:, :2]
+    distance = moved.norm(dim=-1)
+    walks = distance > STRIDE
+    stretch = 1.0 + reach * (config.farthest / distance.clamp_min(STRIDE) - 1.0).clamp_min(0.0)
+    far = torch.cat(
+        (start[:, :2] + moved * stretch[:, None], uniform((command.z,), count, draw)), dim=-1
+    )
+    target = torch.where(walks[:, None], far, end)
+    speed = distance / (later - when).clamp_min(1)
+    lifted = end[:, 2] > command.z[0]
+    weight = torch.where(walks, speed / speed[walks].mean().clamp_min(1e-6), lifted.float()) * (
+        span > 0
+    )
+    local = rotate_inverse(memory.root_quat[when, world], target - memory.root_pos[when, world])
+    return local, rows, weight
+
+
+def clone_hindsight(
+    actor: MLPModel,
+    memory: Memory,
+    command: TargetCommand,
+    columns: dict[str, slice],
+    config: HindsightConfig,
+    draw: torch.Generator,
+    learning_rate: float = 1e-3,
+) -> float:
+    """Fit the direction of the actor's mean to the latents that served; returns the mean cosine at
+    the end.
+
+    ``columns`` says where an observation holds ``target`` and ``last_latent``. The last latent is
+    drawn anew: it must not matter yet.
+    """
+    obs, latent = memory.obs.flatten(0, 1), memory.latent.flatten(0, 1)
+    optimizer = torch.optim.Adam(actor.mlp.parameters(), lr=learning_rate, fused=True)
+    agreement = []
+    for step in range(config.steps):
+        optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / config.steps)
+        target, rows, weight = relabel(memory, command, config, config.batch, draw)
+        seen = obs[rows].clone()
+        seen[:, columns["target"]] = target
+        seen[:, columns["last_latent"]] = sample_latents(len(seen), latent.shape[1], draw)
+        raw = actor(TensorDict({"policy": seen}, batch_size=[len(seen)]))
+        cosine = torch.nn.functional.cosine_similarity(raw, latent[rows], dim=-1)
+        weight = weight / weight.sum().clamp_min(1e-6)
+        loss = -(cosine * weight).sum() + NORM_WEIGHT * (raw.norm(dim=-1) - 1.0).square().mean()
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        optimizer.step()
+        agreement.append((cosine.detach() * weight).sum())
+    return float(torch.stack(agreement[-max(1, config.steps // 10) :]).mean())
+
+
+def _holds(count: int, config: HindsightConfig, draw: torch.Generator) -> torch.Tensor:
+    return torch.randint(
+        config.hold[0], config.hold[1] + 1, (count,), generator=draw, device=draw.device
+    )
+
+
+def _fresh(ends: torch.Tensor) -> torch.Tensor:
+    """(T, N) whether fewer than ``TAKEN_UP`` decisions lie between this one and the last change."""
+    fresh = torch.zeros_like(ends)
+    for back in range(1, TAKEN_UP + 1):
+        fresh[back:] |= ends[:-back]
+    fresh[:TAKEN_UP] = True
+    return fresh
+
+
+def _until(ends: torch.Tensor) -> torch.Tensor:
+    """(T, N) for each decision the first one from it on at which ``ends`` (T, N) is true, or the
+    last of all.
+    """
+    last = len(ends) - 1
+    until = torch.full(ends.shape, last, device=ends.device)
+    for step in range(last - 1, -1, -1):
+        until[step] = torch.where(ends[step], step, until[step + 1])
+    return until

@@ -1,0 +1,1 @@
+"""How good a retargeted clip is: the figures and their picture."""

@@ -1,0 +1,71 @@
+"""A retargeted clip beside what it was to follow: from here come its figures and its picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lacoloco.datasets.clip import Clip
+from lacoloco.pipelines.retargeting.measure import quality
+from lacoloco.pipelines.retargeting.measure.inverse_dynamics import Efforts, inverse_dynamics
+from lacoloco.pipelines.retargeting.solve.pose_problem import retarget_bounds
+from lacoloco.pipelines.retargeting.targets.targets import Targets
+from lacoloco.robots.spec import RobotSpec
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """T frames of a clip, in place on the ground, and the targets they were solved for."""
+
+    spec: RobotSpec
+    clip: Clip
+    targets: Targets
+    keypoints: np.ndarray
+    """(T, K, 3) world, m, as solved: where they are compared with the targets."""
+    feet: np.ndarray
+    """(T, F, 3) centres of the foot spheres in the clip, world, m."""
+    hip_columns: tuple[int, ...]
+    """Which keypoints are hips."""
+    lift: np.ndarray
+    """(T,) m by which the clip stands higher than what was solved."""
+
+    @property
+    def contacts(self) -> np.ndarray:
+        """(T, F) bool, which feet of the robot touch the ground."""
+        return quality.touches(self.feet, self.spec.foot_radius())
+
+    @cached_property
+    def courses(self) -> tuple[np.ndarray, np.ndarray]:
+        """(T, 3) the middle of the hips, of the robot and of the animal in the robot's size, m."""
+        columns, up = list(self.hip_columns), np.array([0.0, 0.0, 1.0])
+        lift = self.lift[:, None] * up
+        robot, animal = self.keypoints[:, columns], self.targets.points[:, columns]
+        return robot.mean(1) + lift, animal.mean(1) + lift
+
+    @cached_property
+    def efforts(self) -> Efforts:
+        """What the motion would take; the ground pushes where the clip says that a foot stands."""
+        return inverse_dynamics(self.spec, self.clip, self.targets.contacts)
+
+    @cached_property
+    def torque_share(self) -> np.ndarray:
+        """(T, J) torques relative to the motors' limits."""
+        return np.abs(self.efforts.torques) / self.spec.effort_limits()
+
+    def figures(self) -> dict[str, Any]:
+        """All figures of the clip, plain JSON values."""
+        spec, fps = self.spec, self.clip.fps
+        speed_limits = np.array(spec.velocity_limits)
+        bounds = retarget_bounds(spec)
+        missing = self.efforts.missing / spec.weight()
+        return {
+            "scale": self.targets.scale,
+            **quality.keypoint_errors(self.keypoints, self.targets.points),
+            **quality.foot_quality(self.feet, self.targets.contacts, spec.foot_radius(), fps),
+            **quality.joint_quality(self.clip.joint_pos, bounds, speed_limits, fps),
+            **quality.course_quality(*self.courses, fps),
+            **quality.effort_quality(self.torque_share, missing),
+        }

@@ -1,0 +1,1 @@
+"""What was recorded: files, axes, skeletons, parts."""

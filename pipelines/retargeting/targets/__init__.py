@@ -1,0 +1,1 @@
+"""What is asked of the robot: keypoints, contacts, where feet stand."""

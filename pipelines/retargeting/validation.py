@@ -1,0 +1,106 @@
+"""Is this a motion of an animal on its legs? What files get wrong, found by looking at the points.
+
+Two directions say where up is: from the paws to the hips, and forward x left of the trunk. An
+animal that lies or leaps disagrees with one of them for a while; a wrong axis turns both.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lacoloco.datasets.errors import DatasetError
+from lacoloco.datasets.mocap import Mocap, UpAxis, axis_of_file
+from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap, LegGeometry
+from lacoloco.pipelines.retargeting.mocap.reading import Reading
+from lacoloco.pipelines.retargeting.targets.targets import limb_length
+
+SHORTEST, LONGEST = 0.03, 4.0
+"""m: limbs of a mouse and more than those of a giraffe."""
+USUAL = 0.45
+"""m: limbs of a dog, from which a unit is guessed for the message."""
+UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
+CLEARLY = 0.7
+"""Cosine from which a direction counts as that of an axis."""
+SLOWEST = 20.0
+"""frames/s below which steps of a trot fall between the frames."""
+
+
+def check_recording(
+    mocap: Mocap, mapping: BodyMap, legs: LegGeometry, reading: Reading, file: str
+) -> list[str]:
+    """Look for what is wrong with a recording.
+
+    Args:
+        mocap: With z up, in metres.
+        mapping: Its limbs, and the robot's.
+        legs: Of the robot: which limbs are front and left.
+        reading: How it was read.
+        file: What to call it.
+
+    Returns:
+        Warnings, one line each.
+
+    Raises:
+        DatasetError: Wrong scale, wrong axis, upside down, one frame: nothing could come of it. The
+            message says what to do.
+    """
+    if mocap.frames < 2:
+        raise DatasetError(f"{file}: has one frame; a motion needs at least two")
+    _check_scale(mocap, mapping, file, reading.unit)
+    legs_up, trunk_up = up_directions(mocap, mapping, legs)
+    _check_axis(legs_up, trunk_up, file, reading.up_axis)
+    warnings = []
+    if legs_up[2] > 0.2 and trunk_up[2] < -0.2:
+        warnings.append(
+            "its left limbs are on the right of the trunk: left and right seem to be exchanged;"
+            " if so, --swap-sides"
+        )
+    if mocap.fps < SLOWEST:
+        warnings.append(f"has {mocap.fps:.3g} frames per second; steps may fall between them")
+    return warnings
+
+
+def up_directions(
+    mocap: Mocap, mapping: BodyMap, legs: LegGeometry
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means (3,) over the clip of the directions from paws to hips, and of forward x left.
+
+    Their length tells how steady they are.
+    """
+    hips, paws = mocap.keypoints(mapping.hips), mocap.keypoints(mapping.limb_ends(mocap))
+    front, left = legs.hips[:, 0] > legs.hips[:, 0].mean(), legs.hips[:, 1] > 0
+    forward = hips[:, front].mean(1) - hips[:, ~front].mean(1)
+    aside = hips[:, left].mean(1) - hips[:, ~left].mean(1)
+    return _mean_direction(hips.mean(1) - paws.mean(1)), _mean_direction(np.cross(forward, aside))
+
+
+def _check_scale(mocap: Mocap, mapping: BodyMap, file: str, unit: float) -> None:
+    length = float(np.mean([limb_length(mocap, limb) for limb in mapping.limbs(mocap)]))
+    if SHORTEST <= length <= LONGEST:
+        return
+    if length <= 0.0:
+        raise DatasetError(f"{file}: its limbs have no length")
+    name, right = min(UNITS.items(), key=lambda item: abs(np.log(length / unit * item[1] / USUAL)))
+    raise DatasetError(
+        f"{file}: limbs of {length:.3g} m are no animal's; it seems to be in {name}: give"
+        f" --unit {right:g} instead of {unit:g}"
+    )
+
+
+def _check_axis(legs_up: np.ndarray, trunk_up: np.ndarray, file: str, up_axis: UpAxis) -> None:
+    """A wrong axis turns limbs and trunk alike; exchanged sides turn the trunk alone."""
+    axis = int(np.argmax(np.abs(legs_up)))
+    sign = 1 if legs_up[axis] > 0 else -1
+    if min(abs(legs_up[axis]), abs(trunk_up[axis])) < CLEARLY or (axis, sign) == (2, 1):
+        return
+    what = "upside down" if axis == 2 else "on its side all the time"
+    right = axis_of_file(up_axis, axis, sign)
+    raise DatasetError(
+        f"{file}: the animal is {what}; its legs say that the file's {right} axis is up, not"
+        f" {up_axis}: give --up-axis={right}"
+    )
+
+
+def _mean_direction(vectors: np.ndarray) -> np.ndarray:
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return (vectors / np.maximum(lengths, 1e-9)).mean(0)

@@ -1,0 +1,136 @@
+"""The chains: which stages run, on what."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lacoloco.datasets import published
+from lacoloco.datasets.artifact import write_artifact
+from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines import generate, retarget, train_low
+from lacoloco.pipelines.chains import chain as experiments
+from lacoloco.pipelines.chains import experiments as catalogue
+from lacoloco.pipelines.stage import Silent, StageContext, StageResult
+
+
+def write(path, method="drail-cat", best=None):
+    return write_artifact(
+        path,
+        "lacoloco/policy",
+        {"a": np.zeros(1)},
+        metadata={"method": method, "best": {"policy": str(best)}},
+        config={},
+        seed=0,
+        robot=None,
+    )
+
+
+@pytest.fixture
+def ran(monkeypatch):
+    """Stages that do nothing but say what they were given: [(verb, inputs)]."""
+    calls = []
+
+    def fake(name):
+        verb = next(v for v, module in catalogue.STAGES.items() if name.endswith(f".{module}"))
+
+        def run(config, context, **inputs):
+            calls.append((verb, inputs))
+            directory = context.store.begin(context.run, verb)
+            write(directory.file("artifact.h5"), best=inputs.get("policies", [None])[0])
+            return StageResult(directory.complete(), {})
+
+        return SimpleNamespace(run=run)
+
+    monkeypatch.setattr(experiments, "import_module", fake)
+    monkeypatch.setattr(experiments, "headline", lambda verb, metrics: "")
+    monkeypatch.setattr(experiments._Chain, "_config", lambda *_: None)
+    return calls
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    folder = tmp_path / "published"
+    folder.mkdir()
+    monkeypatch.setattr(published, "FOLDER", folder)
+    return folder
+
+
+class Heard(Silent):
+    def __init__(self):
+        self.lines = []
+
+    def say(self, line):
+        self.lines.append(line)
+
+
+@pytest.fixture
+def context(tmp_path):
+    return StageContext(RunStore(tmp_path / "runs"), "run", progress=Heard())
+
+
+WHOLE = [
+    "retarget",
+    "generate",
+    "train-low",
+    "train-high",
+    "eval",
+    "export",
+    "play",
+    "play",
+    "play",
+]
+SHORT = ["train-high", "eval", "export", "play"]
+
+
+def verbs(calls):
+    return [verb for verb, _ in calls]
+
+
+def test_without_a_published_low_level_the_whole_chain_runs(ran, folder, context):
+    experiments.run("quickstart", context, preset="smoke")
+    assert verbs(ran) == WHOLE
+
+
+@pytest.mark.parametrize("name", ["solo12-synthetic-low", "solo12-synthetic"])
+def test_quickstart_trains_only_a_high_level_over_a_published_low_one(ran, folder, context, name):
+    low = write(folder / f"{name}.h5")
+    experiments.run("quickstart", context, preset="smoke", seeds=2)
+    assert verbs(ran) == ["train-high", *SHORT]
+    assert ran[0][1] == ran[1][1] == {"low": low}
+    (line,) = context.progress.lines
+    assert name in line and "--from-scratch" in line
+
+
+def test_the_low_level_alone_comes_before_the_one_inside_a_high_level(folder):
+    write(folder / "solo12-synthetic.h5")
+    low = write(folder / "solo12-synthetic-low.h5")
+    experiment = catalogue.EXPERIMENTS["quickstart"]
+    assert experiments.published_low(experiment, "drail-cat") == low
+
+
+def test_from_scratch_other_motions_and_other_methods_need_the_whole_chain(
+    ran, folder, context, tmp_path
+):
+    write(folder / "solo12-synthetic.h5")
+    for options in ({"from_scratch": True}, {"method": "gan"}, {"mocap": [tmp_path / "dog.bvh"]}):
+        ran.clear()
+        experiments.run("quickstart", context, preset="smoke", **options)
+        assert verbs(ran) == WHOLE, options
+    assert context.progress.lines == []
+
+
+def test_experiments_of_the_paper_never_start_from_what_is_published(ran, folder, context):
+    write(folder / "solo12-synthetic.h5")
+    experiments.run("solo12-synthetic", context, preset="smoke")
+    assert "train-low" in verbs(ran)
+
+
+def test_an_experiment_changes_what_the_preset_says(context):
+    experiment = catalogue.EXPERIMENTS["solo12-dog-reach"]
+    chain = experiments._Chain(experiment, context, "smoke", "gan", [])
+    generated, low = chain._config(generate, "generate"), chain._config(train_low, "train-low")
+    assert (generated.walk_clips, generated.reach_clips) == (0, generate.smoke().reach_clips)
+    assert dict(low.skill_shares).keys() == {"dog", "reach"}
+    assert chain._config(retarget, "retarget").augment
+    assert low.ase.discriminator == "gan" and low.samples == train_low.smoke().samples

@@ -1,0 +1,67 @@
+"""Behaviour cloning: latents come to say which of two behaviours to show in the same state."""
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from lacoloco.pipelines.learn.behaviour_cloning import Teacher, clone
+from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.learn.skill_embedding import (
+    SkillEmbedding,
+    Timeline,
+    WindowConfig,
+    uniformity,
+)
+
+CLIP = 40
+
+
+@pytest.fixture
+def cloned():
+    """Clips of two kinds; the kind shows in the first feature of every frame but the policy's own
+    view hides it.
+    """
+    torch.manual_seed(0)
+    draw = torch.Generator().manual_seed(0)
+    kinds = torch.arange(40) % 2
+    kind = torch.repeat_interleave(kinds, CLIP)
+    frames = torch.randn(len(kind), 6, generator=draw)
+    seen = frames.clone()
+    frames[:, 0] = 2.0 * kind - 1.0 + 0.3 * frames[:, 0]
+    last = torch.repeat_interleave((torch.arange(40) + 1) * CLIP - 1, CLIP)
+    actions = torch.where(kind[:, None] == 1, 0.3, -0.3) * torch.ones(1, 2)
+    embedding = SkillEmbedding(
+        Timeline(frames, last), 3, WindowConfig(steps=10, ahead=5, frames=4, hidden=(32,))
+    )
+    actor = make_actor({"policy": 8, "latent": 3}, 2, NetworkConfig(actor=(32,)))
+    teacher = Teacher(seen, torch.zeros_like(actions), actions, torch.zeros(8), 0.1)
+
+    def starts(count):
+        return torch.randint(0, len(kind) - 1, (count,), generator=draw)
+
+    error = clone(actor, embedding, teacher, starts, steps=400, batch=256, draw=draw)
+    return actor, embedding, teacher, kind, error
+
+
+def test_the_latent_tells_which_behaviour_to_show(cloned):
+    actor, embedding, teacher, kind, error = cloned
+    assert error < 0.1
+    views = torch.cat((teacher.frames, teacher.previous), dim=1)
+    starts = torch.arange(0, len(kind), 7)
+    # Each state with the latent of a window of the other kind: the latent decides, not the state.
+    other = (starts + CLIP) % len(kind)
+    obs = TensorDict(
+        {"policy": views[starts], "latent": embedding(other)}, batch_size=[len(starts)]
+    )
+    assert (actor(obs) - teacher.actions[other]).abs().mean() < 0.1
+
+
+def test_the_latents_of_the_clips_are_uniform(cloned):
+    _, embedding, _, kind, _ = cloned
+    z = embedding(
+        torch.randint(0, len(kind) - 1, (1000,), generator=torch.Generator().manual_seed(3))
+    )
+    even = torch.nn.functional.normalize(
+        torch.randn(1000, 3, generator=torch.Generator().manual_seed(4)), dim=-1
+    )
+    assert float(uniformity(z.detach())) < 0.9 * float(uniformity(even))

@@ -1,0 +1,95 @@
+"""Which of a training's policies is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lacoloco.pipelines.evaluation.robustness import steadiness
+from lacoloco.pipelines.low_level.checkpoint_selection import score
+from lacoloco.pipelines.low_level.trainer import LowTrainer
+from lacoloco.pipelines.train_low import smoke
+
+CLIPS = {"clips_walk": 0.5, "clips_reach": 0.3, "clips_stand": 0.2}
+
+
+def figures(
+    walk: float, reach: float, stand: float, fall: float, steered: float
+) -> dict[str, float]:
+    shares = {"walk": walk, "reach": reach, "stand": stand, "fall": fall}
+    return (
+        {f"coverage_{name}": share for name, share in shares.items()}
+        | CLIPS
+        | {"steered_falls": steered}
+    )
+
+
+def test_the_clips_own_shares_without_a_fall_score_zero():
+    assert score(figures(0.5, 0.3, 0.2, 0.0, 0.0)) == pytest.approx(0.0)
+    assert score(figures(1.0, 0.0, 0.0, 0.0, 0.0)) == pytest.approx(0.5), (
+        "half of the latents do something else"
+    )
+    assert score(figures(0.5, 0.3, 0.2, 0.0, 0.05)) == pytest.approx(0.2)
+
+
+@pytest.fixture
+def trainer(solo12, motions):
+    return LowTrainer(solo12, motions, smoke(), seed=0, device="cpu")
+
+
+def examined(trainer: LowTrainer, values: list[float]) -> list[dict[str, float]]:
+    """Examine the actor with its first weight at 0, 1, ... and a made-up coverage whose score is
+    each of ``values``.
+    """
+    seen = []
+    weight = next(trainer.algorithm.actor.parameters())
+    for number, value in enumerate(values):
+        with torch.no_grad():
+            weight.flatten()[0] = number
+        trainer.selection.measure = lambda actor, value=value: figures(
+            0.5 + value, 0.3 - value, 0.2, 0.0, 0.0
+        )
+        seen.append(trainer.selection.examine(trainer.algorithm.actor, 100 * number))
+    return seen
+
+
+def test_the_best_is_kept_and_survives_a_checkpoint(trainer, solo12, motions):
+    shares = [0.2, 0.1, 0.3]
+    steered = examined(trainer, shares)[0]["steered_falls"]
+    assert trainer.selection.chosen["samples"] == 100
+    assert trainer.selection.chosen["figures"]["score"] == pytest.approx(0.1 + 4.0 * steered)
+    other = LowTrainer(solo12, motions, smoke(), seed=0, device="cpu")
+    other.load_state_dict(trainer.state_dict())
+    for policy in (trainer.policy(), other.policy()):
+        assert float(next(policy.actor.parameters()).flatten()[0]) == 1.0
+    assert float(next(trainer.algorithm.actor.parameters()).flatten()[0]) == 2.0, (
+        "the training goes on with its own"
+    )
+    assert trainer.closing_figures()["chosen_after"] == 100.0
+
+
+def test_only_what_comes_after_the_ramp_is_examined(solo12, motions):
+    config = replace(smoke(), samples=128 * 5, coverage_every=128, choose_from=0.6)
+    trainer = LowTrainer(solo12, motions, config, seed=0, device="cpu")
+    assert ["score" in trainer.iterate(step / 5) for step in range(5)] == [False] * 3 + [True] * 2
+
+
+def test_steadiness_counts_episodes_and_forces_and_repeats_itself(trainer, solo12):
+    """A policy that commands the default pose stands through pushes; one that commands nonsense
+    does not.
+    """
+    policy = trainer.policy()
+    layers = [module for module in policy.actor.modules() if isinstance(module, torch.nn.Linear)]
+    with torch.no_grad():
+        layers[-1].weight.zero_(), layers[-1].bias.zero_()
+    calm = steadiness(solo12, policy, worlds=16, seconds=2.0)
+    assert calm["steered_falls"] == 0.0
+    assert calm["steered_violation"] < 0.001, "four feet carry a quarter of the limit each"
+    with torch.no_grad():
+        layers[-1].bias.fill_(3.0)
+    wild = steadiness(solo12, policy, worlds=16, seconds=2.0)
+    assert wild == steadiness(solo12, policy, worlds=16, seconds=2.0)
+    assert wild["steered_falls"] > 0.5
+    assert wild["steered_violation"] > calm["steered_violation"]

@@ -1,0 +1,49 @@
+from pathlib import Path
+
+import pytest
+
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.retargeting.mocap.sources import clip_names, find_recordings
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "more").mkdir()
+    for name in ("b.bvh", "a.BVH", "notes.txt", "more/c.bvh"):
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+def names(paths):
+    return [path.name for path in paths]
+
+
+def test_folders_give_the_recordings_below_them(folder):
+    assert names(find_recordings([folder])) == ["a.BVH", "b.bvh", "c.bvh"]
+
+
+def test_patterns_files_and_repetitions(folder):
+    found = find_recordings([f"{folder}/*.bvh", folder / "b.bvh", f"{folder}/**/c.bvh"])
+    assert names(found) == ["b.bvh", "c.bvh"]
+
+
+def test_a_file_that_is_missing_is_left_for_its_reader(tmp_path):
+    assert find_recordings([tmp_path / "gone.bvh"]) == [tmp_path / "gone.bvh"]
+
+
+def test_a_name_with_brackets_that_exists_is_no_pattern(tmp_path):
+    path = tmp_path / "dog[1].bvh"
+    path.touch()
+    assert find_recordings([path]) == [path]
+
+
+def test_nothing_found_is_said(tmp_path):
+    with pytest.raises(StageError, match=r"no \.bvh file"):
+        find_recordings([tmp_path])
+    with pytest.raises(StageError, match="matches no file"):
+        find_recordings([f"{tmp_path}/*.bvh"])
+
+
+def test_equal_stems_are_told_apart_by_their_folders():
+    paths = [Path("x/one/dog.bvh"), Path("x/two/dog.bvh"), Path("x/two/cat.bvh")]
+    assert clip_names(paths) == ["one/dog", "two/dog", "cat"]
