@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -11,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from lacoloco.datasets.errors import DatasetError, storage_errors
+from lacoloco.datasets.bvh import parse_bvh
+from lacoloco.datasets.errors import DatasetError
 
 UpAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
@@ -40,6 +40,8 @@ class Mocap:
     """Index of each node's parent, -1 for the root."""
     positions: np.ndarray
     """(T, K, 3) m, world frame with z up."""
+    remarks: tuple[str, ...] = ()
+    """What was put up with when it was read, one line each."""
 
     @property
     def frames(self) -> int:
@@ -161,54 +163,25 @@ def read_bvh(path: Path) -> Mocap:
     """Read a BVH file as it is, its nodes in the axes and units of the file.
 
     The root is where its position channels say; its OFFSET, left over from the capture set-up, is
-    not added.
+    not added. So it is with position channels of other joints.
 
     Raises:
         DatasetError: missing, empty, not BVH, cut short, without frames, or with values that are
             not finite; the message names the file.
     """
     path = Path(path)
-    _check_text(path)
-    name, fps, joint_names, parents, points = _parse(path)
-    if len(set(joint_names)) < len(joint_names):
-        raise DatasetError(f"{path}: two joints have the same name; rename one")
-    sound = (np.isfinite(points) & (np.abs(points) < _FARTHEST)).all((1, 2))
+    if path.is_dir():
+        raise DatasetError(f"{path}: is a directory; name a .bvh file in it")
+    if not path.is_file():
+        reason = "is no regular file" if path.exists() else "no such file"
+        raise DatasetError(f"{path}: {reason}")
+    bvh = parse_bvh(path)
+    points = bvh.node_positions()
+    with np.errstate(invalid="ignore"):
+        sound = (np.isfinite(points) & (np.abs(points) < _FARTHEST)).all((1, 2))
     if not sound.all():
         bad = int(np.argmin(sound))
         raise DatasetError(f"{path}: frame {bad} holds a value that is no number or out of range")
-    return Mocap(name, fps, joint_names, parents, points)
-
-
-def _check_text(path: Path) -> None:
-    """Refuse, with the plainest words, what is no BVH file at first sight."""
-    if path.is_dir():
-        raise DatasetError(f"{path}: is a directory; name a .bvh file in it")
-    if not path.exists():
-        raise DatasetError(f"{path}: no such file")
-    with storage_errors(path, "read"), path.open("rb") as stream:
-        start = stream.read(4096)
-    if not start.strip():
-        raise DatasetError(f"{path}: the file is empty")
-    if not start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"HIERARCHY"):
-        raise DatasetError(f"{path}: not a BVH file, it does not begin with HIERARCHY")
-
-
-def _parse(path: Path) -> tuple[str, float, tuple[str, ...], tuple[int, ...], np.ndarray]:
-    from pybvh import Bvh
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is wrong is checked and said here
-            # The axis is given only to keep it from being guessed; points are in file axes.
-            bvh = Bvh.from_file(path, world_up="+y")
-            points = bvh.node_positions()
-    except Exception as error:  # whatever the parser makes of a bad file, the file is to blame
-        reason = " ".join(str(error).replace(f" in file {path}", "").split())
-        reason = reason.replace(f" in {path}", "") or type(error).__name__
-        raise DatasetError(f"{path}: cannot be read as BVH: {reason}") from error
-    if not (len(points) and bvh.frame_time > 0 and np.isfinite(bvh.frame_time)):
-        raise DatasetError(f"{path}: has no frames or no positive Frame Time")
-    index = {id(node): k for k, node in enumerate(bvh.nodes)}
-    parents = tuple(-1 if n.parent is None else index[id(n.parent)] for n in bvh.nodes)
-    names = tuple(f"{n.parent.name}_end" if n.is_end_site() else n.name for n in bvh.nodes)
-    return path.stem, 1.0 / bvh.frame_time, names, parents, points
+    names = tuple(node.name for node in bvh.nodes)
+    parents = tuple(node.parent for node in bvh.nodes)
+    return Mocap(path.stem, 1.0 / bvh.frame_time, names, parents, points, bvh.remarks)

@@ -49,7 +49,7 @@ def check_recording(
     _check_scale(mocap, mapping, file, reading.unit)
     legs_up, trunk_up = up_directions(mocap, mapping, legs)
     _check_axis(legs_up, trunk_up, file, reading.up_axis)
-    warnings = []
+    warnings = list(mocap.remarks)
     if legs_up[2] > 0.2 and trunk_up[2] < -0.2:
         warnings.append(
             "its left limbs are on the right of the trunk: left and right seem to be exchanged;"
