@@ -22,8 +22,12 @@ COLUMNS = {
     "scale": "scale",
     "keypoint_error_mean_m": "error m",
     "keypoint_error_p95_m": "95 % m",
+    "keypoint_error_max_m": "max m",
     "foot_skate_mean_m_s": "skate m/s",
     "ground_penetration_max_m": "sunk m",
+    "stance_share": "stands",
+    "body_penetration_max_m": "body sunk m",
+    "self_penetration_max_m": "self m",
     "stance_float_max_m": "floats m",
     "contact_agreement": "contacts",
     "joint_limit_hits": "limit hits",
@@ -118,6 +122,10 @@ def retarget(
     unit: Annotated[
         float | None, typer.Option("--unit", help="Metres per unit of the files, e.g. 0.01.")
     ] = None,
+    source_fps: Annotated[
+        float | None,
+        typer.Option("--source-fps", help="Frames per second of the files, whatever they say."),
+    ] = None,
     swap_sides: SwapSides = None,
     map: MapFile = None,
     maps: Annotated[
@@ -141,7 +149,7 @@ def retarget(
     if mode not in (None, *MODES):
         raise UserError(f"--mode {mode}: use {' or '.join(MODES)}")
     given = {"mode": mode, "scale": scale, "up_axis": up_axis, "unit": unit, "licence": licence}
-    given |= {"trim": trim, "fps": fps, "select": select, "map": map}
+    given |= {"source_fps": source_fps, "trim": trim, "fps": fps, "select": select, "map": map}
     given |= {"mirror": mirror, "bend": bend, "augment": augment, "swap_sides": swap_sides}
     given = {key: value for key, value in given.items() if value is not None}
     config = replace(session.config(stage.PRESETS), **given)
@@ -189,8 +197,8 @@ def _show(payload: dict[str, Any]) -> None:
     rows = [[clip[key] for key in COLUMNS] for clip in payload["clips"]]
     console.print_table(list(COLUMNS.values()), rows)
     for clip in payload["clips"]:
-        for warning in clip["warnings"]:
-            typer.echo(f"{clip['name']}: {warning}")
+        for note in clip["notes"]:
+            typer.echo(f"{clip['name']}: {note}")
     for entry in payload["skipped"]:
         typer.echo(f"skipped: {entry['error']}")
     if payload["absent"]:

@@ -55,7 +55,7 @@ def retarget_all(
         progress: Told frames of each file, or how many files are done.
 
     Yields:
-        Each file as it is done, with its warnings or what is wrong with it.
+        Each file as it is done, with what was found or what is wrong with it.
 
     Raises:
         StageError: A process died.
@@ -100,7 +100,7 @@ def _in_turn(
             return progress.advance
 
         try:
-            outcome = worker.work(task, folder, begin)["warnings"]
+            outcome = worker.work(task, folder, begin)["notes"]
         except (DatasetError, StageError) as error:
             outcome = error
         finally:
@@ -117,4 +117,4 @@ def _begin(config: RetargetConfig, robot: str) -> None:
 
 def _work(task: Task, folder: Path) -> list[str]:
     assert _worker is not None
-    return _worker.work(task, folder, lambda frames: lambda done: None)["warnings"]
+    return _worker.work(task, folder, lambda frames: lambda done: None)["notes"]

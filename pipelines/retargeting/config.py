@@ -31,6 +31,7 @@ class RetargetConfig:
             lacoloco and fits the joints of the file.
         up_axis: Axis of the files that points up; empty: the map's.
         unit: Metres per unit of the files; 0: the map's.
+        source_fps: Frames per second of the files; 0: those that they name.
         trim: Which part of each file, `START:END` in frames or, with s, in seconds.
         select: Name or file of a selection, which says which files are used and which part of each.
         fps: Frames per second of the clips; 0: those of each file.
@@ -52,6 +53,7 @@ class RetargetConfig:
     map: str = ""
     up_axis: Literal["", "x", "y", "z", "-x", "-y", "-z"] = ""
     unit: float = 0.0
+    source_fps: float = 0.0
     trim: str = ""
     select: str = ""
     fps: float = 0.0
@@ -75,6 +77,10 @@ class RetargetConfig:
             raise StageError("--trim: a selection has trims of its own; leave one of the two out")
         if not 0 <= self.fps < float("inf"):
             raise StageError(f"--fps {self.fps}: give frames per second, or 0 for the file's")
+        if not 0 <= self.source_fps < float("inf"):
+            raise StageError(
+                f"--source-fps {self.source_fps}: give the files' frames per second, or 0"
+            )
         if not 0 <= self.unit < float("inf"):
             raise StageError(
                 f"--unit {self.unit}: give the metres per unit of the files, e.g. 0.01"
@@ -98,6 +104,7 @@ class RetargetConfig:
         return Reading(
             up_axis=up_axis,
             unit=self.unit or skeleton.unit,
+            source_fps=self.source_fps,
             trim=self.trim or trim,
             fps=self.fps,
             mirror=self.mirror,

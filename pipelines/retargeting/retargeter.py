@@ -31,8 +31,6 @@ from lacoloco.robots.spec import RobotSpec
 GROUND_REACH = 0.5
 """s; a clip is set on the ground by its lowest feet within this time, so that leaps stay leaps."""
 
-Say = Callable[[str], None]
-
 
 @dataclass(frozen=True)
 class Retargeted:
@@ -109,7 +107,6 @@ class Retargeter:
         name: str,
         *,
         on_frame: Callable[[int], None] = lambda done: None,
-        say: Say = lambda line: None,
         **about: str,
     ) -> Retargeted:
         """Retarget one recording.
@@ -118,7 +115,6 @@ class Retargeter:
             mocap: The recording.
             name: Name of the clip.
             on_frame: Told the number of frames done.
-            say: Told what a person should know.
             **about: `skill`, `source` and `licence` of the clip.
 
         Raises:
@@ -127,7 +123,7 @@ class Retargeter:
         """
         started = time.process_time()
         targets = self._targets(mocap)
-        motion, lift, failures = self._solve(targets, mocap.fps, on_frame, say)
+        motion, lift, failures = self._solve(targets, mocap.fps, on_frame)
         seconds = time.process_time() - started
         points = self._positions(motion.root_pos, motion.root_quat, motion.joint_pos)
         keypoints, feet = np.split(points, [len(self.spec.keypoints)], axis=1)
@@ -159,7 +155,7 @@ class Retargeter:
         return fitted_targets(mocap, self.map, self.legs, self._radius, factor, self._rule)
 
     def _solve(
-        self, targets: Targets, fps: float, on_frame: Callable[[int], None], say: Say
+        self, targets: Targets, fps: float, on_frame: Callable[[int], None]
     ) -> tuple[TrackedMotion, np.ndarray, int]:
         """Motion, lift (T, 3) onto the ground, and number of frames without a solution."""
         if self._clips is not None:
@@ -169,10 +165,7 @@ class Retargeter:
             motion = self._poses.track(targets.points, on_frame)
             points = self._positions(motion.root_pos, motion.root_quat, motion.joint_pos)
             lift = ground_lift(points[:, len(self.spec.keypoints) :, 2], self._radius, fps)
-        failures = int(motion.failed.sum())
-        if failures:
-            say(f"{failures} of {len(lift)} frames were not solved; they follow from the others")
-        return motion, lift, failures
+        return motion, lift, int(motion.failed.sum())
 
 
 def mapped(spec: RobotSpec, skeleton: SkeletonMap) -> RobotSpec:

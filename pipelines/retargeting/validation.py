@@ -10,7 +10,15 @@ import numpy as np
 
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.mocap import Mocap, UpAxis, axis_of_file
+from lacoloco.pipelines.retargeting.findings import Finding
 from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap, LegGeometry
+from lacoloco.pipelines.retargeting.mocap.frame_rate import likely_rate
+from lacoloco.pipelines.retargeting.mocap.glitches import (
+    describe_jumps,
+    jumping_steps,
+    mended,
+)
+from lacoloco.pipelines.retargeting.mocap.posture import unlike
 from lacoloco.pipelines.retargeting.mocap.reading import Reading
 from lacoloco.pipelines.retargeting.targets.targets import limb_length
 
@@ -26,9 +34,15 @@ SLOWEST = 20.0
 
 
 def check_recording(
-    mocap: Mocap, mapping: BodyMap, legs: LegGeometry, reading: Reading, file: str
-) -> list[str]:
-    """Look for what is wrong with a recording.
+    mocap: Mocap,
+    mapping: BodyMap,
+    legs: LegGeometry,
+    reading: Reading,
+    file: str,
+    *,
+    own_map: bool = False,
+) -> tuple[Mocap, list[Finding]]:
+    """Look for what is wrong with a recording, and mend single frames.
 
     Args:
         mocap: With z up, in metres.
@@ -36,28 +50,64 @@ def check_recording(
         legs: Of the robot: which limbs are front and left.
         reading: How it was read.
         file: What to call it.
+        own_map: Whether a person chose the map, so that an unlike body is only a finding.
 
     Returns:
-        Warnings, one line each.
+        The recording, and what was found.
 
     Raises:
-        DatasetError: Wrong scale, wrong axis, upside down, one frame: nothing could come of it. The
-            message says what to do.
+        DatasetError: Wrong scale, wrong axis, upside down, another kind of body, one frame: nothing
+            could come of it. The message says what to do.
     """
     if mocap.frames < 2:
         raise DatasetError(f"{file}: has one frame; a motion needs at least two")
-    _check_scale(mocap, mapping, file, reading.unit)
+    limb = _check_scale(mocap, mapping, file, reading.unit)
+    findings = [Finding("frame_count", remark) for remark in mocap.remarks]
+    mocap, jumps = _without_glitches(mocap, mapping, limb)
+    findings += jumps
     legs_up, trunk_up = up_directions(mocap, mapping, legs)
     _check_axis(legs_up, trunk_up, file, reading.up_axis)
-    warnings = list(mocap.remarks)
+    if reason := unlike(mocap, mapping, legs):
+        if not own_map:
+            raise DatasetError(
+                f"{file}: this is no body like the robot's: {reason}; if it is meant, name the map"
+                " of its joints with --map"
+            )
+        findings.append(Finding("unlike", reason))
     if legs_up[2] > 0.2 and trunk_up[2] < -0.2:
-        warnings.append(
-            "its left limbs are on the right of the trunk: left and right seem to be exchanged;"
-            " if so, --swap-sides"
+        findings.append(
+            Finding(
+                "sides_swapped",
+                "its left limbs are on the right of the trunk: left and right seem to be exchanged;"
+                " if so, --swap-sides",
+            )
         )
+    return mocap, findings + _rate_findings(mocap, mapping, limb, reading)
+
+
+def _without_glitches(mocap: Mocap, mapping: BodyMap, limb: float) -> tuple[Mocap, list[Finding]]:
+    nodes = (*mapping.hips, *mapping.limb_ends(mocap))
+    findings = []
+    mocap, frames = mended(mocap, nodes, limb)
+    if frames:
+        named = ", ".join(str(frame) for frame in frames)
+        text = f"frames that lay off were replaced by the mean of their neighbours: {named}"
+        findings.append(Finding("mended", text))
+    if jumps := jumping_steps(mocap, nodes, limb):
+        findings.append(Finding("jump", describe_jumps(jumps, mocap.frames)))
+    return mocap, findings
+
+
+def _rate_findings(mocap: Mocap, mapping: BodyMap, limb: float, reading: Reading) -> list[Finding]:
+    findings = []
     if mocap.fps < SLOWEST:
-        warnings.append(f"has {mocap.fps:.3g} frames per second; steps may fall between them")
-    return warnings
+        text = f"has {mocap.fps:.3g} frames per second; steps may fall between them"
+        findings.append(Finding("few_frames", text))
+    elif not reading.source_fps and (likely := likely_rate(mocap, mapping, limb)):
+        rate, reason = likely
+        text = f"{reason}: the file's frame time may be wrong; --source-fps {rate:g} if it is"
+        findings.append(Finding("frame_rate", text))
+    return findings
 
 
 def up_directions(
@@ -74,10 +124,11 @@ def up_directions(
     return _mean_direction(hips.mean(1) - paws.mean(1)), _mean_direction(np.cross(forward, aside))
 
 
-def _check_scale(mocap: Mocap, mapping: BodyMap, file: str, unit: float) -> None:
+def _check_scale(mocap: Mocap, mapping: BodyMap, file: str, unit: float) -> float:
+    """Length of the limbs, m."""
     length = float(np.mean([limb_length(mocap, limb) for limb in mapping.limbs(mocap)]))
     if SHORTEST <= length <= LONGEST:
-        return
+        return length
     if length <= 0.0:
         raise DatasetError(f"{file}: its limbs have no length")
     name, right = min(UNITS.items(), key=lambda item: abs(np.log(length / unit * item[1] / USUAL)))

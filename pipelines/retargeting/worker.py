@@ -10,20 +10,24 @@ from pathlib import Path
 from typing import Any
 
 from lacoloco.datasets.clip import save_clips
+from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.hashing import hash_file
 from lacoloco.datasets.mocap import Mocap, read_bvh
 from lacoloco.datasets.provenance import git_commit, lacoloco_version
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.pipelines.retargeting.config import RetargetConfig
+from lacoloco.pipelines.retargeting.findings import Finding
 from lacoloco.pipelines.retargeting.measure.report import write_report
 from lacoloco.pipelines.retargeting.mocap.body_map import side_partners
 from lacoloco.pipelines.retargeting.mocap.reading import Reading, limb_pairs
 from lacoloco.pipelines.retargeting.mocap.skeleton_maps import choose_map
-from lacoloco.pipelines.retargeting.retargeter import Retargeter
+from lacoloco.pipelines.retargeting.retargeter import Retargeted, Retargeter
 from lacoloco.pipelines.retargeting.validation import check_recording
 from lacoloco.robots.registry import load_robot
 
 SAMPLE_LICENCE = "BSD-3-Clause"
+MOST_UNSOLVED = 0.05
+"""Share of the frames without a solution from which a clip is a failure."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +72,8 @@ class Worker:
         }
         return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
 
-    def read(self, task: Task) -> tuple[Mocap, Reading, Retargeter, list[str]]:
-        """The motion in a file, how it was read, what retargets it, and warnings.
+    def read(self, task: Task) -> tuple[Mocap, Reading, Retargeter, list[Finding]]:
+        """The motion in a file, how it was read, what retargets it, and what was found.
 
         Raises:
             DatasetError: It cannot be read, fits no map, or is no motion of an animal on its legs.
@@ -88,8 +92,11 @@ class Worker:
         mirror, bend = plain.mirror != task.mirror, plain.bend + task.bend
         reading = replace(plain, pairs=pairs, mirror=mirror, bend=bend)
         mocap = reading.apply(raw)
-        warnings = check_recording(mocap, retargeter.map, retargeter.legs, reading, str(task.path))
-        return mocap, reading, retargeter, warnings
+        file, own_map = str(task.path), bool(self._config.map)
+        mocap, findings = check_recording(
+            mocap, retargeter.map, retargeter.legs, reading, file, own_map=own_map
+        )
+        return mocap, reading, retargeter, findings
 
     def work(
         self, task: Task, folder: Path, on_start: Callable[[int], Callable[[int], None]]
@@ -105,25 +112,27 @@ class Worker:
             Figures of the clip.
 
         Raises:
-            DatasetError: See `read`.
+            DatasetError: See `read`; or too many frames could not be solved.
             StageError: No frame could be solved.
         """
         key = self.key(task)
-        mocap, reading, retargeter, warnings = self.read(task)
+        mocap, reading, retargeter, findings = self.read(task)
         known = SAMPLE_LICENCE if task.path.resolve() == DOG_BVH.resolve() else "unknown"
         result = retargeter.clip(
             mocap,
             task.name,
             on_frame=on_start(mocap.frames),
-            say=warnings.append,
             skill=self._config.skill,
             source=task.path.name,
             licence=self._config.licence or known,
         )
+        _refuse_unsolved(task, result, findings)
+        findings += result.assessment.findings()
         figures = {
             **result.figures(),
             "times_real_time": result.clip.duration / max(result.seconds, 1e-9),
-            "warnings": warnings,
+            "warnings": [finding.name for finding in findings],
+            "notes": [f"{finding.name}: {finding.text}" for finding in findings],
             "key": key,
             "reading": asdict(reading),
             "paws": list(retargeter.map.limb_ends(mocap)),
@@ -143,6 +152,20 @@ class Worker:
             metadata={"metrics": {"clips": [figures]}},
         )
         return figures
+
+
+def _refuse_unsolved(task: Task, result: Retargeted, findings: list[Finding]) -> None:
+    """Refuse a clip that is mostly guessed; say the few frames that are."""
+    failures, frames = result.failures, result.clip.frames
+    if failures > MOST_UNSOLVED * frames:
+        known = "; ".join(finding.text for finding in findings)
+        raise DatasetError(
+            f"{task.path}: {failures} of {frames} frames could not be solved: the robot cannot do"
+            f" this at this size{f'; {known}' if known else ''}"
+        )
+    if failures:
+        text = f"{failures} of {frames} frames were not solved; they follow from the others"
+        findings.append(Finding("unsolved", text))
 
 
 def piece_path(folder: Path, key: str) -> Path:

@@ -13,6 +13,7 @@ from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import retarget
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retarget import RetargetConfig
+from lacoloco.pipelines.retargeting.mocap.sources import clip_names
 from lacoloco.pipelines.retargeting.retargeter import ground_lift, parse_scale
 from lacoloco.pipelines.retargeting.worker import Worker
 from lacoloco.pipelines.stage import StageContext
@@ -358,10 +359,11 @@ def test_warnings_are_kept_with_the_clip(context, short_dog):
     text = path.read_text().replace("Left", "@").replace("Right", "Left").replace("@", "Right")
     path.write_text(text)
     result = retarget.run(replace(QUICK, mode="paper"), context, sources=[path])
-    (warning,) = result.metrics["clips"][0]["warnings"]
-    assert "left and right" in warning
+    clip = result.metrics["clips"][0]
+    assert "sides_swapped" in clip["warnings"]
+    assert any("left and right" in note for note in clip["notes"])
     mended = retarget.run(replace(QUICK, mode="paper", swap_sides=True), context, sources=[path])
-    assert mended.metrics["clips"][0]["warnings"] == []
+    assert "sides_swapped" not in mended.metrics["clips"][0]["warnings"]
 
 
 @pytest.mark.parametrize(
@@ -381,3 +383,21 @@ def test_impossible_options_are_refused_before_the_work(context, change, words):
     with pytest.raises(StageError, match=words):
         retarget.run(replace(QUICK, **change), context)
     assert not context.store.partials("dog", "retarget")
+
+
+def test_what_is_mostly_guessed_is_no_clip(context, short_dog):
+    """The sample at five times the robot's size: its legs reach no target."""
+    with pytest.raises(DatasetError, match="could not be solved: the robot cannot do this"):
+        retarget.run(replace(QUICK, scale="5"), context, sources=[short_dog()])
+
+
+@pytest.mark.parametrize(
+    ("inputs", "expected"),
+    [
+        (("/s9/walk.bvh", "/s1/walk.bvh"), ["s9/walk", "s1/walk"]),
+        (("../a/../s1/walk.bvh", "../s2/walk.bvh"), ["s1/walk", "s2/walk"]),
+        (("/walk.bvh", "/s1/walk.bvh"), ["walk", "s1/walk"]),
+    ],
+)
+def test_names_of_clips_never_lead_out_of_their_folder(inputs, expected):
+    assert clip_names([Path(path) for path in inputs]) == expected

@@ -9,11 +9,20 @@ from typing import Any
 import numpy as np
 
 from lacoloco.datasets.clip import Clip
+from lacoloco.pipelines.retargeting.findings import Finding
 from lacoloco.pipelines.retargeting.measure import quality
 from lacoloco.pipelines.retargeting.measure.inverse_dynamics import Efforts, inverse_dynamics
 from lacoloco.pipelines.retargeting.solve.pose_problem import retarget_bounds
 from lacoloco.pipelines.retargeting.targets.targets import Targets
+from lacoloco.robots.collisions import Penetrations, find_penetrations
 from lacoloco.robots.spec import RobotSpec
+
+DEEP = 3e-3
+"""m of a body in the floor, or of two in each other, from which it is said."""
+FEW_STAND = 0.5
+"""Share of the frames with a foot down below which nothing is said to stand. A gallop has 0.73."""
+MUCH_MISSING = 0.5
+"""Median share of the weight above which the ground is said not to carry the motion."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +64,41 @@ class Assessment:
         """(T, J) torques relative to the motors' limits."""
         return np.abs(self.efforts.torques) / self.spec.effort_limits()
 
+    @cached_property
+    def penetrations(self) -> Penetrations:
+        """How deep bodies that are no feet lie in the floor, and bodies in each other."""
+        clip = self.clip
+        qpos = np.concatenate([clip.root_pos, clip.root_quat, clip.joint_pos], axis=1)
+        return find_penetrations(self.spec, qpos, DEEP)
+
+    def findings(self) -> list[Finding]:
+        """What the figures say that a person should know."""
+        found, frames = [], self.clip.frames
+        share = float(self.targets.contacts.any(axis=1).mean())
+        missing = float(np.median(self.efforts.missing) / self.spec.weight())
+        if share < FEW_STAND:
+            text = (
+                f"a foot stands in {share:.0%} of the frames only: does the floor tilt, or does the"
+                " root not move?"
+            )
+            found.append(Finding("nothing_stands", text))
+        elif missing > MUCH_MISSING:
+            text = (
+                f"standing feet cannot carry {missing:.0%} of the weight: at the robot's size the"
+                " motion is faster than gravity"
+            )
+            found.append(Finding("not_carried", text))
+        depths = self.penetrations
+        for name, where, what in (
+            ("body_contact", depths.floor, f"{', '.join(depths.floor_bodies)} in the floor"),
+            ("self_contact", depths.own, f"{', '.join(depths.own_pairs)} in each other"),
+        ):
+            count = int((where > DEEP).sum())
+            if count:
+                text = f"{what} by up to {1e3 * where.max():.0f} mm in {count} of {frames} frames"
+                found.append(Finding(name, text))
+        return found
+
     def figures(self) -> dict[str, Any]:
         """All figures of the clip, plain JSON values."""
         spec, fps = self.spec, self.clip.fps
@@ -68,4 +112,6 @@ class Assessment:
             **quality.joint_quality(self.clip.joint_pos, bounds, speed_limits, fps),
             **quality.course_quality(*self.courses, fps),
             **quality.effort_quality(self.torque_share, missing),
+            "body_penetration_max_m": float(self.penetrations.floor.max()),
+            "self_penetration_max_m": float(self.penetrations.own.max()),
         }

@@ -10,6 +10,8 @@ from lacoloco.pipelines.retargeting.filters import smooth
 
 LIMIT_MARGIN = 1e-3
 """rad; a joint this close to a bound rests on it."""
+LOW = 0.01
+"""m; a foot this close to the ground should not slip."""
 TOUCHING = 3e-3
 """m; a foot this close to the ground touches it."""
 
@@ -42,13 +44,18 @@ def foot_quality(
 
     Returns:
         `foot_skate_mean_m_s`, horizontal speed from one frame to the next while the paw stands in
-        both; `ground_penetration_max_m`; `stance_float_max_m`, gap below a standing foot;
+        both; `low_foot_slip_mean_m_s`, the same of feet that are low, whether the paw is said to
+        stand or not; `stance_share`, share of the frames in which a paw stands;
+        `ground_penetration_max_m`; `stance_float_max_m`, gap below a standing foot;
         `contact_agreement`, share of feet and frames that touch the ground as the paws do.
     """
     speed = np.linalg.norm(np.diff(feet[..., :2], axis=0), axis=-1) * fps
     standing = contacts[1:] & contacts[:-1]
     gap = feet[..., 2] - radius
+    low = (gap[1:] < LOW) & (gap[:-1] < LOW)
     return {
+        "stance_share": float(contacts.any(axis=1).mean()),
+        "low_foot_slip_mean_m_s": float(speed[low].mean()) if low.any() else 0.0,
         "foot_skate_mean_m_s": float(speed[standing].mean()) if standing.any() else 0.0,
         # In whole nanometres: what is less is rounding.
         "ground_penetration_max_m": round(max(0.0, float(-gap.min())), 9),

@@ -20,6 +20,8 @@ class Reading:
     up_axis: UpAxis = "y"
     unit: float = 0.01
     """Metres per unit of the file."""
+    source_fps: float = 0.0
+    """Frames per second of the file; 0 for those that it names."""
     trim: str = ""
     fps: float = 0.0
     """Frames per second of the clip; 0 for those of the file."""
@@ -47,6 +49,8 @@ class Reading:
             DatasetError: Nothing is left of it, or an impossible axis, unit, rate or bend.
             StageError: The trim is none.
         """
+        if self.source_fps:
+            raw = replace(raw, fps=self.source_fps)
         mocap = trimmed(raw.placed(self.up_axis, self.unit), self.trim)
         if self.swap_sides:
             mocap = replace(mocap, positions=mocap.mirrored(self.pairs).positions * [1, -1, 1])

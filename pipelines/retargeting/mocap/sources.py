@@ -29,13 +29,15 @@ def find_recordings(inputs: Sequence[str | Path]) -> list[Path]:
 def clip_names(paths: Sequence[Path]) -> list[str]:
     """One name per file: its stem, with the folders above it as far as that is ambiguous."""
     names = [path.stem for path in paths]
-    for depth in range(1, max((len(path.parts) for path in paths), default=1)):
+    # Resolved and without their root, so that a name never leads out of the folder it is used in.
+    folders = [path.resolve().parts[1:-1] for path in paths]
+    for depth in range(1, max((len(parts) + 1 for parts in folders), default=1)):
         repeated = {name for name in names if names.count(name) > 1}
         if not repeated:
             break
         names = [
-            "/".join([*path.parts[-depth - 1 : -1], path.stem]) if name in repeated else name
-            for name, path in zip(names, paths, strict=True)
+            "/".join([*parts[-depth:], path.stem]) if name in repeated else name
+            for name, path, parts in zip(names, paths, folders, strict=True)
         ]
     return names
 

@@ -19,9 +19,11 @@ RAW = read_bvh(DOG_BVH)
 PAIRS = limb_pairs(MAP.limbs(RAW), side_partners(LEGS))
 
 
-def check(reading=None, change=lambda mocap: mocap):
+def check(reading=None, change=lambda mocap: mocap, **how):
+    """What is found about the sample dog, as (name, text)."""
     reading = reading or Reading(pairs=PAIRS)
-    return check_recording(change(reading.apply(RAW)), MAP, LEGS, reading, "dog.bvh")
+    _, found = check_recording(change(reading.apply(RAW)), MAP, LEGS, reading, "dog.bvh", **how)
+    return [(finding.name, finding.text) for finding in found]
 
 
 def turned(angle, axis):
@@ -71,12 +73,13 @@ def test_the_wrong_axis_is_named_with_the_right_one(read_with, words):
 
 def test_exchanged_sides_are_a_warning_and_can_be_mended():
     swapped = Reading(pairs=PAIRS, swap_sides=True)
-    (warning,) = check(swapped)
+    ((name, warning),) = check(swapped)
+    assert name == "sides_swapped"
     assert "left and right" in warning and "--swap-sides" in warning
     # a file whose names are exchanged, read with the option
     wrong = replace(RAW, positions=swapped.apply(RAW).positions)
     mended = Reading(up_axis="z", unit=1.0, pairs=PAIRS, swap_sides=True)
-    assert check_recording(mended.apply(wrong), MAP, LEGS, mended, "dog.bvh") == []
+    assert check_recording(mended.apply(wrong), MAP, LEGS, mended, "dog.bvh")[1] == []
 
 
 def test_a_dog_that_rolls_over_for_a_while_is_let_through():
@@ -94,7 +97,8 @@ def test_a_single_frame_is_no_motion():
 
 
 def test_few_frames_per_second_are_a_warning():
-    (warning,) = check(Reading(pairs=PAIRS, fps=10.0))
+    ((name, warning),) = check(Reading(pairs=PAIRS, fps=10.0))
+    assert name == "few_frames"
     assert "10 frames per second" in warning
 
 
@@ -110,3 +114,74 @@ def test_pairs_hold_whole_limbs():
     assert ("LeftArm", "RightArm") in PAIRS
     assert ("LeftFoot_end", "RightFoot_end") in PAIRS
     assert len(PAIRS) == 9
+
+
+def at_rate(fps):
+    return lambda mocap: replace(mocap, fps=fps)
+
+
+@pytest.mark.parametrize(("fps", "likely"), [(24.0, "50"), (240.0, "60"), (30.0, "50")])
+def test_an_implausible_rate_is_named(fps, likely):
+    ((name, text),) = check(change=at_rate(fps))
+    assert name == "frame_rate"
+    assert f"--source-fps {likely}" in text
+
+
+def test_a_rate_that_a_person_gave_is_not_questioned():
+    assert check(Reading(pairs=PAIRS, source_fps=30.0)) == []
+    assert Reading(source_fps=30.0).apply(RAW).fps == 30.0
+
+
+def test_one_frame_that_lies_off_is_mended():
+    def glitch(mocap):
+        positions = mocap.positions.copy()
+        positions[90] += [5.0, 0.0, 0.0]
+        return replace(mocap, positions=positions)
+
+    reading = Reading(pairs=PAIRS)
+    sound = reading.apply(RAW)
+    mended, found = check_recording(glitch(sound), MAP, LEGS, reading, "dog.bvh")
+    assert [(f.name, f.text.rsplit(": ")[-1]) for f in found] == [("mended", "90")]
+    assert np.abs(mended.positions - sound.positions).max() < 0.01
+
+
+def test_jumps_are_named_with_the_longest_part_between_them():
+    def two_takes(mocap):
+        positions = mocap.positions.copy()
+        positions[:1] += [0.0, 1.4, 0.0]
+        positions[600:] += [3.0, 0.0, 0.0]
+        return replace(mocap, positions=positions)
+
+    ((name, text),) = check(change=two_takes)
+    assert name == "jump"
+    assert "0 to 1, 599 to 600" in text
+    assert "--trim 1:600" in text
+
+
+def upright(mocap):
+    """The dog as a person: its trunk stands, its front limbs hang and never come to the ground."""
+    names, positions = mocap.joint_names, mocap.positions.copy()
+    front = [
+        i for i, name in enumerate(names) if any(p in name for p in ("Shoulder", "Arm", "Hand"))
+    ]
+    positions[:, front, 2] += 0.6
+    positions[:, front, 0] = positions[:, [names.index("Hips")], 0]
+    return replace(mocap, positions=positions)
+
+
+def test_a_person_is_not_taken_for_a_dog():
+    with pytest.raises(DatasetError, match=r"LeftHand_end, RightHand_end never come.*--map"):
+        check(change=upright)
+    assert [name for name, _ in check(change=upright, own_map=True)] == ["unlike"]
+
+
+def test_every_recorded_dog_is_sound_and_the_one_with_a_wrong_frame_time_is_named(shared):
+    reading = Reading(pairs=PAIRS)
+    found = {}
+    for path in sorted((shared / "data" / "mocap" / "bvh").glob("D*.bvh")):
+        mocap = reading.of(path)
+        found[path.stem] = [
+            finding.name for finding in check_recording(mocap, MAP, LEGS, reading, path.stem)[1]
+        ]
+    assert found.pop("Dog_example_zyx_30fps") == ["frame_rate"]
+    assert found and not any(found.values())

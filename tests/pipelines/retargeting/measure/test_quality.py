@@ -27,6 +27,8 @@ def test_feet_that_stand_are_blameless(feet):
         "ground_penetration_max_m": 0.0,
         "stance_float_max_m": 0.0,
         "contact_agreement": 1.0,
+        "stance_share": 1.0,
+        "low_foot_slip_mean_m_s": 0.0,
     }
 
 
