@@ -60,9 +60,9 @@ def _flatten(value: object, place: str, arrays: dict[str, np.ndarray]) -> dict[s
         for key in value:
             if type(key) not in _PLAIN:
                 raise TypeError(f"state holds no key of type {type(key).__name__} at '{place}'")
-        items = [[key, _flatten(item, f"{place}/{key}", arrays)] for key, item in value.items()]
-        return {"kind": "dict", "items": items}
-    if type(value) in (list, tuple):
+        pairs = [[key, _flatten(item, f"{place}/{key}", arrays)] for key, item in value.items()]
+        return {"kind": "dict", "items": pairs}
+    if type(value) in (list, tuple) and isinstance(value, list | tuple):
         items = [_flatten(item, f"{place}/{index}", arrays) for index, item in enumerate(value)]
         return {"kind": type(value).__name__, "items": items}
     if type(value) in _PLAIN:

@@ -9,6 +9,7 @@ recordings. World frame: x forward at the start, y left, z up; metres, seconds, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,7 +128,7 @@ def footfalls(leg: str) -> tuple[np.ndarray, np.ndarray]:
     return down, up
 
 
-def _solve(rising: object, count: int) -> np.ndarray:
+def _solve(rising: Callable[[np.ndarray], np.ndarray], count: int) -> np.ndarray:
     """Zeros of `count` rising functions of time, by bisection to the last digit."""
     low, high = np.full(count, -10.0), np.full(count, DURATION + 10.0)
     for _ in range(70):
