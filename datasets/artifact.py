@@ -22,6 +22,7 @@ from lacoloco.datasets.envelope import DAMAGED, NUMBERS, RawHeader, pack, unpack
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.hashing import hash_arrays, hash_content
 from lacoloco.datasets.provenance import Parent
+from lacoloco.datasets.robot_record import RobotRecord
 
 SCHEMAS: dict[str, int] = {
     "lacoloco/motions": 1,
@@ -54,6 +55,15 @@ class Header:
     git_commit: str
     lacoloco_version: str
     content_hash: str
+    robot_files: dict[str, str] = field(default_factory=dict)
+    """Name -> text of the files in the robot's folder; empty in artifacts of before."""
+    robot_folder: str = ""
+    """Where that folder lay; "" for a robot that comes with lacoloco."""
+
+    @property
+    def robot_record(self) -> RobotRecord:
+        """All that is kept of the robot."""
+        return RobotRecord(self.robot, self.robot_hash, self.robot_files, self.robot_folder)
 
 
 @dataclass(frozen=True)
@@ -73,7 +83,7 @@ def write_artifact(
     metadata: Mapping[str, Any],
     config: Mapping[str, Any],
     seed: int | None,
-    robot: tuple[str, str] | None,
+    robot: RobotRecord | tuple[str, str] | None,
     parents: Sequence[Path] = (),
     command: str = "",
     replace: bool = False,
@@ -88,7 +98,7 @@ def write_artifact(
             scalars.
         config: the resolved configuration of the stage.
         seed: seed of the stage, if it has one.
-        robot: name and model hash of the robot, if the data belongs to one.
+        robot: the robot, if the data belongs to one; name and model hash where no more is known.
         parents: the files it was made of, artifacts or not.
         command: the command line.
         replace: replace an existing file (checkpoints of a running stage only).
@@ -115,7 +125,7 @@ def write_artifact(
     if seed is not None:
         header["seed"] = int(seed)
     if robot is not None:
-        header["robot"], header["robot_hash"] = robot[0].encode(), robot[1].encode()
+        header |= _robot_attributes(RobotRecord(*robot))
     header = {name: value for name, value in header.items() if value != b""}
     header["content_hash"] = hash_content(header, hash_arrays(checked)).encode()
     return write_file(path, pack(header, checked), replace=replace)
@@ -167,6 +177,13 @@ def _numeric(name: str, array: np.ndarray) -> np.ndarray:
     return array
 
 
+def _robot_attributes(robot: RobotRecord) -> RawHeader:
+    """The header's part about the robot; what is empty is left out."""
+    files = _to_json(robot.files) if robot.files else b""
+    texts = {"robot": robot.name, "robot_hash": robot.model_hash, "robot_folder": robot.folder}
+    return {**{name: text.encode() for name, text in texts.items()}, "robot_files": files}
+
+
 def _to_json(value: object) -> bytes:
     return json.dumps(value, default=_plain).encode()
 
@@ -207,9 +224,18 @@ def _parse_header(path: Path, raw: RawHeader) -> Header:
             git_commit=text.get("git_commit", ""),
             lacoloco_version=text["lacoloco_version"],
             content_hash=text["content_hash"],
+            robot_files=_texts(json.loads(text.get("robot_files", "{}"))),
+            robot_folder=text.get("robot_folder", ""),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ArtifactError(f"{path}: its header is {DAMAGED}") from error
+
+
+def _texts(value: object) -> dict[str, str]:
+    """Texts by name, as they were read from JSON."""
+    if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
+        raise TypeError("a table of texts is expected")
+    return value
 
 
 def _check_schema(header: Header, expected: str | None) -> None:

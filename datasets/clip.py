@@ -16,6 +16,7 @@ import numpy as np
 from lacoloco.datasets import rotations, series
 from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError, DatasetError
+from lacoloco.datasets.robot_record import RobotRecord
 
 SCHEMA = "lacoloco/motions"
 
@@ -160,7 +161,7 @@ class Clip:
             raise DatasetError(
                 f"clip '{self.name}': frames {start}:{stop} are not within 0:{self.frames}"
             )
-        return replace(self, **{name: rows[start:stop] for name, rows in self._rows().items()})
+        return self._with({name: rows[start:stop] for name, rows in self._rows().items()})
 
     def resample(self, fps: float) -> Clip:
         """The same motion at another rate: linear between frames, slerp for the orientation.
@@ -174,7 +175,7 @@ class Clip:
         if not 0 < fps < np.inf:
             raise DatasetError(f"clip '{self.name}': cannot resample to {fps} frames per second")
         clip = self if fps == self.fps else replace(self, joint_target=None)
-        return replace(clip, fps=float(fps), **series.resampled(clip._rows(), self.fps, fps))
+        return replace(clip, fps=float(fps))._with(series.resampled(clip._rows(), self.fps, fps))
 
     def at_pace(self, pace: float) -> Clip:
         """The same path ``pace`` times as fast, at other frames per second; without what the motors
@@ -192,12 +193,16 @@ class Clip:
         known = (name for name in series.OPTIONAL if getattr(self, name) is not None)
         return {name: getattr(self, name) for name in (*series.SERIES, *known)}
 
+    def _with(self, rows: Mapping[str, Any]) -> Clip:
+        """The clip with other series, by name."""
+        return replace(self, **rows)
+
 
 def save_clips(
     path: Path,
     clips: Sequence[Clip],
     *,
-    robot: tuple[str, str] | None,
+    robot: RobotRecord | tuple[str, str] | None,
     config: Mapping[str, Any],
     seed: int | None = None,
     parents: Sequence[Path] = (),
@@ -209,7 +214,7 @@ def save_clips(
     Args:
         path: file to make.
         clips: at least one, all with the same joints.
-        robot: name and model hash.
+        robot: the robot; name and model hash where no more is known.
         config: resolved configuration of the stage that made them.
         seed: its seed.
         parents: the files they were made of.
@@ -270,9 +275,9 @@ def clips_of(artifact: Artifact) -> list[Clip]:
         clips = []
         for index, row in enumerate(metadata["clips"]):
             start, stop = offsets[index], offsets[index + 1]
-            rows = {name: arrays[name][start:stop] for name in series.SERIES}
-            known = {name: arrays.get(f"{name}/{index}") for name in series.OPTIONAL}
-            clips.append(Clip(**row, joint_names=joint_names, **rows, **known))
+            rows: dict[str, Any] = {name: arrays[name][start:stop] for name in series.SERIES}
+            rows |= {name: arrays.get(f"{name}/{index}") for name in series.OPTIONAL}
+            clips.append(Clip(**row, joint_names=joint_names, **rows))
             clips[-1].validate()
         if not clips:
             raise DatasetError("it holds no clips")

@@ -12,6 +12,7 @@ import pytest
 from lacoloco.datasets import artifact as artifacts
 from lacoloco.datasets.artifact import SCHEMAS, read_artifact, read_header, write_artifact
 from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.robot_record import RobotRecord
 
 ARRAYS = {
     "weights/layer 0": np.arange(6, dtype=np.float32).reshape(2, 3),
@@ -60,6 +61,36 @@ def test_round_trip_keeps_every_bit_and_type(write):
 def test_seed_and_robot_may_be_absent_and_header_reads_alone(write):
     header = read_header(write(seed=None, robot=None))
     assert (header.seed, header.robot, header.command) == (None, "", "")
+
+
+def test_the_texts_of_the_robot_travel_with_the_artifact(write):
+    files = {"robot.toml": 'name = "solo12"\n', "solo12.xml": "<mujoco/>"}
+    record = RobotRecord("solo12", "abc123", files, "/somewhere/solo12")
+    path = write(robot=record)
+    for header in (read_header(path), read_artifact(path, robot="solo12")):
+        assert header.robot_record == record
+        assert (header.robot, header.robot_hash) == ("solo12", "abc123")
+    with h5py.File(path, "r+") as file:
+        file.attrs["robot_files"] = np.bytes_(b'{"robot.toml": "name = 1", "solo12.xml": ""}')
+    with pytest.raises(ArtifactError, match="does not match its hash"):
+        read_artifact(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["robot_files"] = np.bytes_(b'{"robot.toml": 5}')
+    with pytest.raises(ArtifactError, match="header is cut short or damaged"):
+        read_header(path)
+
+
+def test_records_of_a_robot_agree_as_far_as_both_say():
+    before = RobotRecord("solo12", "abc")
+    now = RobotRecord("solo12", "abc", {"robot.toml": "a"}, "/here")
+    assert before.agrees_with(now) and now.agrees_with(before)
+    assert now.agrees_with(now._replace(folder="/there"))
+    assert not now.agrees_with(now._replace(files={"robot.toml": "b"}))
+    assert not now.agrees_with(now._replace(model_hash="def"))
+    assert not before.agrees_with(before._replace(name="solo13"))
+    assert before.digest == "abc"
+    assert now.digest == now._replace(folder="/there").digest
+    assert now.digest != now._replace(files={"robot.toml": "b"}).digest
 
 
 def test_large_metadata_survives(write):
