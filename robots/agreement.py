@@ -62,8 +62,12 @@ def compare_engines(spec: RobotSpec, *, poses: int, seed: int) -> Disagreement:
     limits = np.stack(
         [lower - pin_model.lowerPositionLimit[7:], upper - pin_model.upperPositionLimit[7:]]
     )
+    position, rotation, mass_matrix, gravity = (float(w) for w in worst)
     return Disagreement(
-        *(float(w) for w in worst),
+        position,
+        rotation,
+        mass_matrix,
+        gravity,
         total_mass=abs(spec.total_mass() - sum(i.mass for i in pin_model.inertias)),
         joint_limits=float(np.abs(limits).max()),
         effort_limits=float(np.abs(spec.effort_limits() - pin_model.effortLimit[6:]).max()),

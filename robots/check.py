@@ -10,6 +10,7 @@ import numpy as np
 
 from lacoloco.robots.agreement import Disagreement, compare_engines
 from lacoloco.robots.errors import RobotError
+from lacoloco.robots.geometry import colliding_meshes
 from lacoloco.robots.scene import compile_scene
 
 if TYPE_CHECKING:
@@ -119,8 +120,6 @@ def _name_checks(spec: RobotSpec) -> Iterator[Check]:
     }
     absent = sorted(named - (bodies & frames))
     yield Check("bodies of the spec missing", len(absent), 0, detail=", ".join(absent))
-    odd = [foot for foot in spec.feet if not foot.endswith("_FOOT")]
-    yield Check("feet not named *_FOOT", len(odd), 0, detail=", ".join(odd))
 
 
 def _names(name: str, expected: list[str], found: list[str]) -> Check:
@@ -169,6 +168,10 @@ def _limit_checks(spec: RobotSpec) -> Iterator[Check]:
     yield Check("motor torque beyond training torque", weaker, 0, "N.m")
     yield Check("gains not positive", _not_positive((*spec.stiffness, *spec.damping)), 0)
     yield Check("speed limits not positive", _not_positive(spec.velocity_limits), 0)
+    model = spec.model()
+    solid = [model.geom(g).bodyid[0] for g in colliding_meshes(model)]
+    detail = ", ".join(sorted({model.body(b).name for b in solid}))
+    yield Check("meshes that collide", len(solid), 0, detail=detail)
 
 
 def _pose_checks(spec: RobotSpec) -> Iterator[Check]:

@@ -39,6 +39,15 @@ def colliding_geoms(model: mujoco.MjModel, bodies: Sequence[str]) -> list[int]:
     return ids
 
 
+def colliding_meshes(model: mujoco.MjModel) -> list[int]:
+    """Ids of the geoms that are meshes and can touch something; only primitives should."""
+    import mujoco
+
+    touches = (model.geom_contype | model.geom_conaffinity) != 0
+    meshes = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+    return [int(g) for g in np.flatnonzero(touches & meshes)]
+
+
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
     """World z of the lowest point of a sphere, capsule, cylinder or box, m.
 

@@ -43,14 +43,9 @@ def compile_scene(
         visual: Keep the geoms that are only looked at (rendering; a little slower).
 
     Raises:
-        RobotError: The MJCF is missing or lacks a body or joint the spec names.
+        RobotError: The MJCF lacks a body or joint the spec names.
     """
-    import mujoco
-
-    try:
-        spec = mujoco.MjSpec.from_file(str(robot.mjcf))
-    except ValueError as error:
-        raise RobotError(f"{robot.mjcf}: {str(error).splitlines()[0]}") from error
+    spec = robot.editable_model()
     spec.compiler.discardvisual = not visual
     _set_solver(spec, timestep)
     if floor:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lacoloco.robots.errors import RobotError
+from lacoloco.robots import mjcf
 
 if TYPE_CHECKING:
     import mujoco
@@ -36,8 +35,10 @@ class RobotSpec:
     """One robot. Joint tuples have one entry per joint, in the order of ``joint_names``.
 
     Attributes:
-        name: Name in the registry.
-        mjcf: The hand-written MJCF; the only source of frames, masses, ranges and efforts.
+        name: Its name, by which artifacts know it.
+        folder: Folder that it was read from; it may be gone by now.
+        mjcf_name: Name of its MJCF, the only source of frames, masses, ranges and efforts.
+        sources: (name, text) of robot.toml and of the MJCF, as they were read.
         joint_names: Order of the MJCF and of Pinocchio, and of every joint vector in the project.
         default_joint_pos: Default pose, rad; actions are offsets from it.
         stiffness: Proportional gains, N.m/rad.
@@ -49,7 +50,7 @@ class RobotSpec:
         velocity_limits: Speed limits of the motors, rad/s. MuJoCo does not enforce them: they
             serve rewards, constraints and checks.
         end_effector: The point that reaches for targets.
-        feet: Bodies that may touch the ground, each named ``*_FOOT``.
+        feet: Bodies that may touch the ground.
         fall_bodies: Bodies whose contact (> 1 N) is a fall.
         undesired_contact_bodies: Bodies whose contact is a mistake but not a fall.
         contact_force_limit: Limit of the force on one foot, in multiples of ``weight()``.
@@ -62,7 +63,9 @@ class RobotSpec:
     """
 
     name: str
-    mjcf: Path
+    folder: Path
+    mjcf_name: str
+    sources: tuple[tuple[str, str], ...] = field(repr=False)
     joint_names: tuple[str, ...]
     default_joint_pos: tuple[float, ...]
     stiffness: tuple[float, ...]
@@ -93,29 +96,44 @@ class RobotSpec:
         """Bodies with a ``force_<body>`` sensor: feet, fall bodies, undesired ones, in order."""
         return tuple(dict.fromkeys((*self.feet, *self.fall_bodies, *self.undesired_contact_bodies)))
 
+    @property
+    def mjcf(self) -> Path:
+        """Where the MJCF was read from."""
+        return self.folder / self.mjcf_name
+
+    def files(self) -> dict[str, str]:
+        """Name -> text of robot.toml and the MJCF: all that
+        :func:`lacoloco.robots.loading.robot_from_files` needs, wherever the folder is.
+        """
+        return dict(self.sources)
+
     def model(self) -> mujoco.MjModel:
         """The bare robot in MuJoCo: no floor, no actuators. Shared: read it, do not write to it.
 
         Raises:
-            RobotError: The MJCF is missing or MuJoCo cannot compile it.
+            RobotError: MuJoCo cannot compile it.
         """
-        return _bare_model(self.mjcf)
+        return mjcf.bare_model(self._mjcf_text, self.mjcf)
+
+    def editable_model(self) -> mujoco.MjSpec:
+        """The bare robot as a new MuJoCo spec, to which a scene can be added.
+
+        Raises:
+            RobotError: MuJoCo cannot read it.
+        """
+        return mjcf.parse(self._mjcf_text, self.mjcf)
 
     def pinocchio_model(self) -> pinocchio.Model:
         """A new Pinocchio model of the same MJCF (nq = 7 + J, quaternion xyzw)."""
-        import pinocchio
-
-        self._require_mjcf()
-        return pinocchio.buildModelFromMJCF(str(self.mjcf))
+        return mjcf.pinocchio_model(self._mjcf_text, self.mjcf)
 
     def model_hash(self) -> str:
         """SHA-256 of the MJCF's bytes, hexadecimal: what artifacts record as provenance."""
-        self._require_mjcf()
-        return hashlib.sha256(self.mjcf.read_bytes()).hexdigest()
+        return hashlib.sha256(self._mjcf_text.encode()).hexdigest()
 
-    def _require_mjcf(self) -> None:
-        if not self.mjcf.is_file():
-            raise RobotError(f"{self.mjcf}: no such MJCF; fix `mjcf` of robot {self.name!r}")
+    @property
+    def _mjcf_text(self) -> str:
+        return self.files()[self.mjcf_name]
 
     def total_mass(self) -> float:
         """Mass of the whole robot, kg."""
@@ -154,13 +172,3 @@ class RobotSpec:
         from lacoloco.robots.geometry import foot_radius
 
         return foot_radius(self.model(), self.feet)
-
-
-@lru_cache(maxsize=8)
-def _bare_model(path: Path) -> mujoco.MjModel:
-    import mujoco
-
-    try:
-        return mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise RobotError(f"{path}: MuJoCo cannot load it: {str(error).splitlines()[0]}") from error

@@ -60,7 +60,7 @@ def test_check_of_a_faulty_robot_ends_with_exit_code_2(call, monkeypatch):
     from lacoloco.robots import registry
 
     faulty = replace(registry.load_robot("solo12"), velocity_limits=(0.0,) * 12)
-    monkeypatch.setitem(registry.ROBOTS, "solo12", lambda: faulty)
+    monkeypatch.setattr(registry, "load_robot", lambda name: faulty)
     result = call("check", "solo12", "--json")
     report = json.loads(result.stdout)
     assert (result.exit_code, report["passed"]) == (2, False)

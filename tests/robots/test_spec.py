@@ -5,9 +5,8 @@ from math import cos, pi
 import numpy as np
 import pytest
 
-from lacoloco.robots.errors import RobotError
-from lacoloco.robots.scene import compile_scene
-from lacoloco.robots.spec import EndEffector, RobotSpec
+from lacoloco.robots.loading import robot_from_files
+from lacoloco.robots.spec import EndEffector
 
 
 def test_sizes_of_solo12(solo12):
@@ -85,36 +84,11 @@ def test_contact_bodies_come_once_and_feet_first(solo12, h1):
     assert twice.contact_bodies == ("left_FOOT", "right_FOOT", "torso_link", "left_knee_link")
 
 
-def test_model_hash_is_of_the_bytes(solo12, tmp_path):
+def test_model_hash_is_of_the_bytes(solo12):
     assert solo12.model_hash() == hashlib.sha256(solo12.mjcf.read_bytes()).hexdigest()
-    other = tmp_path / "solo12.xml"
-    other.write_bytes(solo12.mjcf.read_bytes() + b"\n")
-    assert replace(solo12, mjcf=other).model_hash() != solo12.model_hash()
-
-
-@pytest.mark.parametrize(
-    "use",
-    [
-        RobotSpec.model,
-        compile_scene,
-        RobotSpec.pinocchio_model,
-        RobotSpec.model_hash,
-        RobotSpec.weight,
-    ],
-)
-def test_a_missing_mjcf_is_named(solo12, use):
-    lost = replace(solo12, mjcf=solo12.mjcf.with_name("lost.xml"))
-    with pytest.raises(RobotError, match=r"lost\.xml"):
-        use(lost)
-
-
-def test_a_malformed_mjcf_is_named(solo12, tmp_path):
-    broken = tmp_path / "broken.xml"
-    broken.write_text("<mujoco><worldbody></mujoco>")
-    for use in (RobotSpec.model, compile_scene):
-        with pytest.raises(RobotError, match=r"broken\.xml") as error:
-            use(replace(solo12, mjcf=broken))
-        assert "\n" not in str(error.value)
+    files = solo12.files()
+    files["solo12.xml"] += "\n"
+    assert robot_from_files(files).model_hash() != solo12.model_hash()
 
 
 def test_specs_can_be_hashed(solo12, h1):
