@@ -43,19 +43,36 @@ def apply_overrides(config: Config, assignments: Sequence[str]) -> Config:
     return config
 
 
-def restored(template: Config, stored: Mapping[str, Any]) -> Config:
+def restored(template: Config, stored: Mapping[str, Any], where: str = "config") -> Config:
     """Make a config again from what an artifact keeps of it (JSON: tuples are lists there).
 
     Args:
         template: A config of the same type; its values stand for fields not stored.
-        stored: `Header.config`.
+        stored: `Header.config`, of this version or an earlier one.
+        where: How a message names the whole.
+
+    Raises:
+        ArtifactError: A stored field is not known, or is an option that was removed and is in use.
     """
+    from lacoloco.datasets.errors import ArtifactError
+    from lacoloco.datasets.old_names import translated
+
+    schema = type(template).__name__
+    try:
+        stored = translated(schema, stored)
+    except ArtifactError as error:
+        raise ArtifactError(f"{where}: {error}") from error
+    fields = {field.name for field in dataclasses.fields(template)}  # type: ignore[arg-type]
+    if unknown := sorted(set(stored) - fields):
+        raise ArtifactError(
+            f"{where}: {schema} has no field {', '.join(map(repr, unknown))}; made by another "
+            "version of lacoloco"
+        )
     changes = {}
-    for field in dataclasses.fields(template):  # type: ignore[arg-type]
-        if field.name in stored:
-            value, old = stored[field.name], getattr(template, field.name)
-            nested = dataclasses.is_dataclass(old) and isinstance(value, Mapping)
-            changes[field.name] = restored(old, value) if nested else _tuples(value)
+    for name, value in stored.items():
+        old = getattr(template, name)
+        nested = dataclasses.is_dataclass(old) and isinstance(value, Mapping)
+        changes[name] = restored(old, value, f"{where}.{name}") if nested else _tuples(value)
     return dataclasses.replace(template, **changes)  # type: ignore[type-var]
 
 

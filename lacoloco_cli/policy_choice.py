@@ -77,10 +77,10 @@ def train_missing(session: Session, method: str, seed: int) -> Path:
         low = same_seed[0]
     else:
         example = lows[-1].header if lows else _low_of(high.header)
-        low_config = restored(TrainLowConfig(), example.config)
+        low_config = restored(TrainLowConfig(), example.config, str(example.path))
         motions = [parent.locate(example.path) for parent in example.parents]
         low = train_low.run(low_config, context, motions=motions).artifact
-    high_config = restored(train_high.TrainHighConfig(), high.header.config)
+    high_config = restored(train_high.TrainHighConfig(), high.header.config, str(high.header.path))
     return train_high.run(high_config, context, low=low).artifact
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -65,14 +64,18 @@ def taken_over(session: Session, checkpoint: Path, template: Config) -> Config:
         UserError: It is no checkpoint, or another stage's.
     """
     from lacoloco.datasets.artifact import read_header
+    from lacoloco.datasets.errors import ArtifactError
     from lacoloco.pipelines.training.loop import CHECKPOINT
 
     header = read_header(checkpoint)
-    fields = {field.name for field in dataclasses.fields(template)}  # type: ignore[arg-type]
-    if header.schema != CHECKPOINT or not header.config or not set(header.config) <= fields:
-        raise UserError(f"{checkpoint}: is no checkpoint of {session.verb}; name one of its own")
+    alien = f"{checkpoint}: is no checkpoint of {session.verb}; name one of its own"
+    if header.schema != CHECKPOINT or not header.config:
+        raise UserError(alien)
     session.seed = header.seed or 0
-    return restored(template, header.config)
+    try:
+        return restored(template, header.config)
+    except ArtifactError as error:
+        raise UserError(f"{alien} ({error})") from error
 
 
 def contexts(session: Session, count: int) -> Iterator[StageContext]:
