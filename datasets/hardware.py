@@ -1,4 +1,4 @@
-"""What a machine is, for whoever reads a figure that was measured on it."""
+"""What a machine is: recorded beside every figure that was measured on it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import platform
 import shutil
 import subprocess
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -20,6 +21,7 @@ def describe_machine() -> dict[str, Any]:
     return {
         "python": platform.python_version(),
         **{name: _version(name) for name in PACKAGES},
+        "processor": processor(),
         "cores": cores(),
         "gpu": torch.cuda.get_device_name() if gpu else None,
         "gpu_memory_gib": round(torch.cuda.mem_get_info()[1] / 2**30, 1) if gpu else None,
@@ -32,6 +34,16 @@ def describe_machine() -> dict[str, Any]:
 def cores() -> int:
     """Processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def processor() -> str | None:
+    """Model of the processor as its maker calls it; None where the system does not say."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:  # not Linux
+        return platform.processor() or None
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine() or None
 
 
 def driver_version() -> str | None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lacoloco.datasets.artifact import Artifact, write_artifact
+from lacoloco.datasets.hardware import describe_machine
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import FIGURES, Episodes, play_episodes
 from lacoloco.pipelines.policies import load_policies
@@ -103,7 +104,7 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
         directory.file("artifact.h5"),
         "lacoloco/evaluation",
         arrays,
-        metadata=metadata,
+        metadata=metadata | {"hardware": {"device": context.device, **describe_machine()}},
         config=asdict(config),
         seed=context.seed,
         robot=robot,

@@ -86,6 +86,8 @@ def test_the_artifact_holds_every_episode_and_its_policies(context, two_seeds):
         [0.4, 0.675, 0.95, 1.225, 1.5]
     )
     assert artifact.metadata["rows"] == result.metrics["rows"]
+    assert artifact.metadata["hardware"]["device"] == "cpu"
+    assert artifact.metadata["hardware"]["cores"] >= 1
     assert len(artifact.parents) == 2
 
 
