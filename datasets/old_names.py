@@ -13,6 +13,10 @@ from typing import Any
 from lacoloco.datasets.errors import ArtifactError
 
 
+def _as_stored(value: Any) -> Any:
+    return [_as_stored(item) for item in value] if isinstance(value, list | tuple) else value
+
+
 class Removed:
     """An option that is gone, because it is always as its neutral values say.
 
@@ -35,6 +39,11 @@ New = str | Removed | None
 CONFIG: dict[str, dict[str, New]] = {
     # Clips began after so many seconds; the experts that the artifact holds do not depend on it.
     "GenerateConfig": {"lead_in": None},
+    # Moved into robot.toml; the Solo12's and the H1's numbers are what they were.
+    "TrainLowConfig": {"fall_tilt": Removed(1.05)},
+    "TrainHighConfig": {"fall_tilt": Removed(1.05), "approach": Removed(0.0)},
+    "HindsightConfig": {"farthest": Removed(2.0)},
+    "TrackerConfig": {"standing_speed": Removed(0.8)},
 }
 """Name of the config class today -> {old dotted field: new dotted field}.
 
@@ -91,7 +100,3 @@ def _copied(tree: Mapping[str, Any]) -> dict[str, Any]:
     return {
         key: _copied(value) if isinstance(value, Mapping) else value for key, value in tree.items()
     }
-
-
-def _as_stored(value: Any) -> Any:
-    return [_as_stored(item) for item in value] if isinstance(value, list | tuple) else value

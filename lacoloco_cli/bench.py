@@ -34,10 +34,11 @@ def bench_sim(
 ) -> None:
     """Environments: physics, rewards, constraints, resets and observations."""
     from lacoloco.pipelines.benchmarks import throughput as bench
-    from lacoloco.pipelines.sim.tasks import TASKS
+    from lacoloco.robots.registry import load_robot
 
-    if task not in TASKS:
-        raise UserError(f"--task {task}: use one of {', '.join(TASKS)}")
+    tasks = load_robot(robot).tasks
+    if task not in tasks:
+        raise UserError(f"--task {task}: use one of {', '.join(tasks)}")
     config = _config(session)
     _show(session, bench.bench_sim(config, robot=robot, task=task, device=session.device))
 

@@ -16,7 +16,7 @@ from lacoloco.pipelines.evaluation.episodes import FIGURES, Episodes, play_episo
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.commands import Range
 from lacoloco.pipelines.sim.randomisation import Randomisation
-from lacoloco.pipelines.sim.tasks import reach_task
+from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot
 
@@ -86,7 +86,7 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
         context.progress.start(
             f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes
         )
-        randomisation = config.randomisation(reach_task(spec).randomisation)
+        randomisation = config.randomisation(load_task(spec, "reach").randomisation)
         shared = {"worlds": config.worlds, "device": context.device, "randomisation": randomisation}
         reported = play_episodes(
             spec, loaded, config.episodes, seed=TEST_SEED, progress=context.progress, **shared

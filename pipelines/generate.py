@@ -26,7 +26,7 @@ from lacoloco.pipelines.generation.expert_trainer import (
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-from lacoloco.pipelines.sim.tasks import TASKS
+from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.loop import remove_checkpoints, train
 from lacoloco.robots.registry import load_robot
@@ -190,7 +190,7 @@ def record(
         StageError: fewer than ``count`` worlds stayed up.
     """
     steps, settle = round(config.seconds / CONTROL_DT), round(config.settle / CONTROL_DT)
-    base = clean(TASKS[task_name](spec))
+    base = clean(load_task(spec, task_name))
     standing = replace(base.reset, joint_scale=(0.9, 1.1), lin_vel=0.0, ang_vel=0.0)
     task = replace(base, reset=standing, episode_s=2 * config.seconds)
     env = LeggedEnv(

@@ -11,6 +11,14 @@ from typing import Any
 from lacoloco.robots import mjcf
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.joint_rows import Rows, joint_rows
+from lacoloco.robots.numbers import (
+    HindsightDistances,
+    InverseDynamics,
+    ObservationNoise,
+    SkillThresholds,
+    Terminations,
+    TrackingTolerances,
+)
 from lacoloco.robots.spec import EndEffector, RobotSpec
 from lacoloco.robots.tables import (
     NonNegative,
@@ -113,7 +121,15 @@ class RobotFile:
     actions: ActionSection
     end_effector: EndEffector
     contacts: ContactSection
+    skills: SkillThresholds
+    tracking: TrackingTolerances
+    hindsight: HindsightDistances
+    inverse_dynamics: InverseDynamics
+    terminations: Terminations
+    tasks: Mapping[str, Any]
     mjcf: str = ""
+    abduction_joints: tuple[str, ...] = ()
+    observation_noise: ObservationNoise = field(default_factory=ObservationNoise)
     retargeting: RetargetingSection = field(default_factory=RetargetingSection)
 
 
@@ -181,6 +197,10 @@ def _spec(
         raise RobotError(f"{folder / model}: the first joint must be the free joint 'root_joint'")
     joints = tuple(names[1:])
     _check_bodies(file, {bare.body(i).name for i in range(1, bare.nbody)}, place)
+    for name in file.abduction_joints:
+        if name not in joints:
+            where = place / "abduction_joints"
+            where.fail(f"joint {name!r} is not in the MJCF; {nearest(name, joints)}")
     rows = joint_rows(JointRow, file.joints, joints, place / "joints")
     where = place / "retargeting" / "joints"
     sketched = joint_rows(RetargetingRow, file.retargeting.joints, joints, where)
@@ -215,6 +235,14 @@ def _spec(
         retarget_lower=tuple(low for low, _ in bounds),
         retarget_upper=tuple(high for _, high in bounds),
         knee_frames=file.retargeting.knees,
+        abduction_joints=file.abduction_joints,
+        observation_noise=file.observation_noise,
+        skills=file.skills,
+        tracking=file.tracking,
+        hindsight=file.hindsight,
+        inverse_dynamics=file.inverse_dynamics,
+        terminations=file.terminations,
+        tasks=file.tasks,
     )
 
 

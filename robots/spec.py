@@ -6,11 +6,19 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lacoloco.robots import mjcf
+from lacoloco.robots.numbers import (
+    HindsightDistances,
+    InverseDynamics,
+    ObservationNoise,
+    SkillThresholds,
+    Terminations,
+    TrackingTolerances,
+)
 
 if TYPE_CHECKING:
     import mujoco
@@ -60,6 +68,14 @@ class RobotSpec:
         retarget_lower: Lower joint bounds of the retargeting, rad.
         retarget_upper: Upper joint bounds of the retargeting, rad.
         knee_frames: Bodies whose origin the retargeting keeps above the ground.
+        abduction_joints: Joints that move a leg sideways.
+        observation_noise: Noise on a policy's view in training.
+        skills: What counts as a skill, and how near to a target is there.
+        tracking: What a tracker may be off by.
+        hindsight: Which targets a latent has served.
+        inverse_dynamics: How actions of clips are found.
+        terminations: What ends an episode in training besides a fall.
+        tasks: Name -> table of the task, as :mod:`lacoloco.pipelines.sim.tasks` reads it.
     """
 
     name: str
@@ -84,6 +100,14 @@ class RobotSpec:
     retarget_lower: tuple[float, ...]
     retarget_upper: tuple[float, ...]
     knee_frames: tuple[str, ...]
+    abduction_joints: tuple[str, ...]
+    observation_noise: ObservationNoise
+    skills: SkillThresholds
+    tracking: TrackingTolerances
+    hindsight: HindsightDistances
+    inverse_dynamics: InverseDynamics
+    terminations: Terminations
+    tasks: Mapping[str, Any] = field(default_factory=dict, hash=False, compare=False, repr=False)
     keypoints: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     @property

@@ -26,7 +26,7 @@ from lacoloco.pipelines.benchmarks.timer import Stopwatch
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.sim.bare_engine import bare_engine
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.tasks import TASKS
+from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
@@ -186,7 +186,7 @@ def made_up_clips(
 
 
 def _task(spec: RobotSpec, name: str) -> Any:
-    return TASKS[name](spec, constrained=True) if name == "imitate" else TASKS[name](spec)
+    return load_task(spec, name)
 
 
 def _actions(env: LeggedEnv, steps: int) -> torch.Tensor:

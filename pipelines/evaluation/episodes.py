@@ -16,8 +16,9 @@ from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import Randomisation
-from lacoloco.pipelines.sim.tasks import Task, reach_task
+from lacoloco.pipelines.sim.tasks import Task, load_task
 from lacoloco.pipelines.stage import SILENT, Progress
+from lacoloco.robots.numbers import SkillThresholds
 from lacoloco.robots.spec import RobotSpec
 
 FIGURES = (
@@ -30,12 +31,6 @@ FIGURES = (
 )
 OUTCOMES = ("error", "fell", "above_limit", "substeps")
 """Fields of :class:`Episodes` that are counted while they are played."""
-MISSED = 0.3
-"""Metres from the target beyond which an episode that did not fall has missed it."""
-STAYED = 0.4
-"""Metres by which an episode that ends where it began may seem to have come nearer: the foot is
-that far ahead of the base.
-"""
 
 
 @dataclass(frozen=True)
@@ -48,6 +43,7 @@ class Episodes:
         fell: (E,) bool.
         above_limit: (E, F) substeps in which a foot's contact force exceeded the limit.
         substeps: (E,) substeps lived through.
+        thresholds: of the robot: how near to a target is there.
         conditions: what differed between them, (E,) each; see
             :func:`lacoloco.pipelines.evaluation.failure_analysis.conditions`.
     """
@@ -56,19 +52,23 @@ class Episodes:
     fell: np.ndarray
     above_limit: np.ndarray
     substeps: np.ndarray
+    thresholds: SkillThresholds
     conditions: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def missed(self) -> np.ndarray:
-        """(E,) bool, ended without a fall further than ``MISSED`` from the target."""
-        return ~self.fell & (self.error > MISSED)
+        """(E,) bool, ended without a fall further away than the robot's
+        ``not_reached``.
+        """
+        return ~self.fell & (self.error > self.thresholds.not_reached)
 
     @property
     def stayed(self) -> np.ndarray:
         """(E,) bool, missed and ended about as far from the target as the base was from it at the
         start.
         """
-        return self.missed & (self.error > self.conditions["target_distance_m"] - STAYED)
+        nearest = self.conditions["target_distance_m"] - self.thresholds.no_progress
+        return self.missed & (self.error > nearest)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All of it by name, the conditions behind a slash."""
@@ -117,7 +117,7 @@ def play_episodes(
     ``randomisation`` takes the place of the task's.
     """
     worlds = min(worlds, episodes)
-    task = replace(reach_task(spec), noise=0.0, training_limits=False)
+    task = replace(load_task(spec, "reach"), noise=0.0, training_limits=False)
     task = replace(task, randomisation=randomisation or task.randomisation)
     parts = []
     for chunk in range(-(-episodes // worlds)):
@@ -134,7 +134,7 @@ def _joined(parts: list[Episodes], episodes: int) -> Episodes:
 
     outcomes = (join(getattr(part, name) for part in parts) for name in OUTCOMES)
     given = {name: join(part.conditions[name] for part in parts) for name in parts[0].conditions}
-    return Episodes(*outcomes, given)
+    return Episodes(*outcomes, parts[0].thresholds, given)
 
 
 def _play(
@@ -159,4 +159,5 @@ def _play(
         lived += decision.substeps * alive
         fell |= decision.fell & alive
         alive &= ~decision.done
-    return Episodes(*(tensor.cpu().numpy() for tensor in (error, fell, above, lived)), given)
+    outcomes = (tensor.cpu().numpy() for tensor in (error, fell, above, lived))
+    return Episodes(*outcomes, spec.skills, given)

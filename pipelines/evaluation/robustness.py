@@ -15,7 +15,7 @@ from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, reach_task
+from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, load_task
 from lacoloco.robots.spec import RobotSpec
 
 
@@ -40,7 +40,7 @@ def steadiness(
         episode_s=seconds,
         noise=0.0,
         reset=ResetConfig(),
-        randomisation=reach_task(spec).randomisation,
+        randomisation=load_task(spec, "reach").randomisation,
     )
     env = LeggedEnv(spec, task, worlds, seed=seed, device=device)
     latents = LatentSchedule(

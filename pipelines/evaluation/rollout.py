@@ -14,7 +14,7 @@ from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
-from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, reach_task
+from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, load_task
 from lacoloco.robots.registry import load_robot
 
 
@@ -114,7 +114,7 @@ def record_reach(
     artifact, policies = load_policies(policy, "low", "high")
     spec = load_robot(artifact.robot)
     task = replace(
-        reach_task(spec), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION
+        load_task(spec, "reach"), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION
     )
     env = LatentSteeredEnv(
         LeggedEnv(spec, task, episodes, seed=seed),

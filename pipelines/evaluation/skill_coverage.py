@@ -23,16 +23,9 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task
+from lacoloco.robots.numbers import SkillThresholds
 from lacoloco.robots.spec import RobotSpec
 
-WALK_SPEED = 0.15
-"""Mean planar speed [m/s] over the second half of the hold from which a latent counts as
-walking.
-"""
-REACH_HEIGHT = 0.15
-"""Height [m] of the end effector above its standing height, held on average over the last second,
-that counts as reaching.
-"""
 REACH_SECONDS = 1.0
 QUANTILES = {"p10": 0.1, "p50": 0.5, "p90": 0.9}
 CLIP_WINDOWS = 512
@@ -49,19 +42,21 @@ class Behaviour:
             second [m].
         frame: (N, 10 + 2J) mean style frame.
         fell: (N,) bool.
+        thresholds: what counts as walking and as reaching.
     """
 
     speed: torch.Tensor
     lift: torch.Tensor
     frame: torch.Tensor
     fell: torch.Tensor
+    thresholds: SkillThresholds
 
     def shares(self) -> dict[str, float]:
         """Shares that fall, reach, walk (and do not reach) and stand (none of these); they add up
         to 1.
         """
-        reach = (self.lift > REACH_HEIGHT) & ~self.fell
-        walk = (self.speed > WALK_SPEED) & ~self.fell & ~reach
+        reach = (self.lift > self.thresholds.reach_height) & ~self.fell
+        walk = (self.speed > self.thresholds.walk_speed) & ~self.fell & ~reach
         kinds = {
             "walk": walk,
             "reach": reach,
@@ -150,7 +145,9 @@ class SkillCoverage:
                 speeds.append(env.state.lin_vel_b[:, :2].norm(dim=-1))
                 heights.append(env.end_effector()[:, 2])
                 frames.append(env.frame())
-        return _behaviour(speeds, heights, frames, fell, self._standing_height)
+        return _behaviour(
+            speeds, heights, frames, fell, self._standing_height, self.env.spec.skills
+        )
 
     def _reproduced(self, reached: torch.Tensor) -> float:
         """Share of clips to which some latent has come at least half of the way from standing, by
@@ -181,9 +178,8 @@ def clip_behaviour(
             tip(torch.cat((state.root_pos, state.root_quat, state.joint_pos), dim=-1))[:, 2]
         )
         frames.append(style_frame(state))
-    return _behaviour(
-        speeds, heights, frames, torch.zeros_like(clips, dtype=torch.bool), standing_height
-    )
+    fell = torch.zeros_like(clips, dtype=torch.bool)
+    return _behaviour(speeds, heights, frames, fell, standing_height, spec.skills)
 
 
 def clip_means(library: MotionLibrary, samples: int = 64) -> torch.Tensor:
@@ -202,10 +198,15 @@ def _behaviour(
     frames: Sequence[torch.Tensor],
     fell: torch.Tensor,
     standing_height: float,
+    thresholds: SkillThresholds,
 ) -> Behaviour:
     last = torch.stack(tuple(heights[-round(REACH_SECONDS / CONTROL_DT) :])) - standing_height
     return Behaviour(
-        torch.stack(tuple(speeds)).mean(0), last.mean(0), torch.stack(tuple(frames)).mean(0), fell
+        torch.stack(tuple(speeds)).mean(0),
+        last.mean(0),
+        torch.stack(tuple(frames)).mean(0),
+        fell,
+        thresholds,
     )
 
 

@@ -18,7 +18,7 @@ from lacoloco.pipelines.masking import perhaps_any
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.state import layout, width
-from lacoloco.pipelines.sim.tasks import TASKS, Task
+from lacoloco.pipelines.sim.tasks import Task, load_task
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
@@ -94,7 +94,7 @@ class ExpertTrainer:
         torch.manual_seed(seed)
         # Nobody deploys an expert, so it may see clearly; but its clips must show every world the
         # low level will meet.
-        self.config, self.task = config, clean(TASKS[task_name](spec))
+        self.config, self.task = config, clean(load_task(spec, task_name))
         self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
         self.env.stagger()
         sizes = {POLICY: width(self.env.terms)}

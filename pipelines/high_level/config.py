@@ -28,9 +28,6 @@ class TrainHighConfig:
         hindsight: what it begins with: random latents and where they led.
         head_start: share of the training in which the critic learns alone.
         reward_scale: factor on the task's reward.
-        approach: weight of exp(-d / 0.3 m) in the task's reward, beside 1 for exp(-10 d). Over
-            skills that hardly ever stop, whoever goes passes by, which the reward for progress
-            takes back: without this they learn to stand.
         fall_penalty: taken from the scaled reward by a fall. The lost future alone is worth little
             far from the target, where most falls happen: in the first two seconds, while turning
             towards it.
@@ -39,8 +36,6 @@ class TrainHighConfig:
             over another. Nine tenths of the violations that a constrained low level is left with
             are made by going faster than half a metre per second.
         price_ramp: shares of the training between which that price rises from nothing.
-        fall_tilt: tilt of the base that is a fall already [rad]; in evaluation a fall is what
-            touches the ground.
         near: share of the training's targets that lie nearer than the task's; the way there takes
             most of an episode, and only what is left of it teaches how to touch.
         clean: share of the worlds without observation noise. Under noise nothing ever stands quite
@@ -62,11 +57,9 @@ class TrainHighConfig:
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
     head_start: float = 0.02
     reward_scale: float = 10.0
-    approach: float = 0.0
     fall_penalty: float = 2.0
     force_price: float | None = None
     price_ramp: tuple[float, float] = (0.2, 0.5)
-    fall_tilt: float = 1.05
     near: float = 0.5
     clean: float = 0.5
     randomisation: float = 1.25

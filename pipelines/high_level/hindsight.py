@@ -20,11 +20,8 @@ from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.masking import put, select
 from lacoloco.pipelines.sim.commands import TargetCommand, uniform
 from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
+from lacoloco.robots.numbers import HindsightDistances
 
-STRIDE = 0.15
-"""Metres that the end effector must have moved over ground for a latent to count as one that goes
-somewhere.
-"""
 TAKEN_UP = 3
 """Decisions after a change of latent whose states count: later ones already show what the latent
 does.
@@ -39,15 +36,12 @@ class HindsightConfig:
     Attributes:
         decisions: random decisions per world; 0 begins with a random network.
         hold: fewest and most decisions for which a latent is held.
-        farthest: a latent that walks serves targets up to so far in the direction in which it went
-            [m].
         steps: gradient steps.
         batch: examples per step.
     """
 
     decisions: int = 100
     hold: tuple[int, int] = (5, 25)
-    farthest: float = 2.0
     steps: int = 1500
     batch: int = 2048
 
@@ -105,41 +99,59 @@ def explore(env: LatentSteeredEnv, config: HindsightConfig, draw: torch.Generato
 def relabel(
     memory: Memory,
     command: TargetCommand,
-    config: HindsightConfig,
+    distances: HindsightDistances,
     count: int,
     draw: torch.Generator,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Draw examples: (count, 3) targets in the base frame, (count,) rows of the flattened memory,
     (count,) weights.
 
-    A latent that lifted the foot into the targets' heights serves just the point it came to; one
-    that went somewhere serves all points in that direction, of any height, and the more so the
-    faster it went; others serve nothing.
+    A latent that lifted the end effector into the targets' heights serves the point it came to. One
+    that went somewhere serves all points in that direction, of any height, and weighs more the
+    faster it went. Others weigh nothing.
     """
     steps, worlds = memory.until.shape
     rows = memory.taken_up[
         torch.randint(0, len(memory.taken_up), (count,), generator=draw, device=draw.device)
     ]
-    when, world = rows // worlds, rows % worlds
-    span = memory.until[when, world] - when
+    now, world = rows // worlds, rows % worlds
+    span = memory.until[now, world] - now
     chance, reach = torch.rand(2, count, generator=draw, device=draw.device)
-    later = (when + 1 + (chance * span).long()).clamp_max(steps - 1)
-    start, end = memory.tip[when, world], memory.tip[later, world]
-    moved = (end - start)[:, :2]
-    distance = moved.norm(dim=-1)
-    walks = distance > STRIDE
-    stretch = 1.0 + reach * (config.farthest / distance.clamp_min(STRIDE) - 1.0).clamp_min(0.0)
-    far = torch.cat(
-        (start[:, :2] + moved * stretch[:, None], uniform((command.z,), count, draw)), dim=-1
-    )
-    target = torch.where(walks[:, None], far, end)
-    speed = distance / (later - when).clamp_min(1)
-    lifted = end[:, 2] > command.z[0]
-    weight = torch.where(walks, speed / speed[walks].mean().clamp_min(1e-6), lifted.float()) * (
-        span > 0
-    )
-    local = rotate_inverse(memory.root_quat[when, world], target - memory.root_pos[when, world])
+    later = (now + 1 + (chance * span).long()).clamp_max(steps - 1)
+    start, end = memory.tip[now, world], memory.tip[later, world]
+    distance = (end - start)[:, :2].norm(dim=-1)
+    walks = distance > distances.stride
+    beyond = _beyond(start, end, distance, reach, command, distances, draw)
+    target = torch.where(walks[:, None], beyond, end)
+    weight = _weight(distance / (later - now).clamp_min(1), walks, end, command) * (span > 0)
+    local = rotate_inverse(memory.root_quat[now, world], target - memory.root_pos[now, world])
     return local, rows, weight
+
+
+def _beyond(
+    start: torch.Tensor,
+    end: torch.Tensor,
+    distance: torch.Tensor,
+    reach: torch.Tensor,
+    command: TargetCommand,
+    distances: HindsightDistances,
+    draw: torch.Generator,
+) -> torch.Tensor:
+    """(count, 3) points on the line from ``start`` through ``end`` (count, 3), as far beyond as
+    ``reach`` in [0, 1] says, up to ``farthest``, at heights that targets have.
+    """
+    stretch = distances.farthest / distance.clamp_min(distances.stride) - 1.0
+    stretch = 1.0 + reach * stretch.clamp_min(0.0)
+    planar = start[:, :2] + (end - start)[:, :2] * stretch[:, None]
+    return torch.cat((planar, uniform((command.z,), len(start), draw)), dim=-1)
+
+
+def _weight(
+    speed: torch.Tensor, walks: torch.Tensor, end: torch.Tensor, command: TargetCommand
+) -> torch.Tensor:
+    """(count,) relative speed of those that walk; of the others, 1 where ``end`` is high enough."""
+    lifted = end[:, 2] > command.z[0]
+    return torch.where(walks, speed / speed[walks].mean().clamp_min(1e-6), lifted.float())
 
 
 def clone_hindsight(
@@ -147,6 +159,7 @@ def clone_hindsight(
     memory: Memory,
     command: TargetCommand,
     columns: dict[str, slice],
+    distances: HindsightDistances,
     config: HindsightConfig,
     draw: torch.Generator,
     learning_rate: float = 1e-3,
@@ -162,7 +175,7 @@ def clone_hindsight(
     agreement = []
     for step in range(config.steps):
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / config.steps)
-        target, rows, weight = relabel(memory, command, config, config.batch, draw)
+        target, rows, weight = relabel(memory, command, distances, config.batch, draw)
         seen = obs[rows].clone()
         seen[:, columns["target"]] = target
         seen[:, columns["last_latent"]] = sample_latents(len(seen), latent.shape[1], draw)

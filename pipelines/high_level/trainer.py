@@ -8,7 +8,6 @@ from typing import Any
 import torch
 from tensordict import TensorDict
 
-from lacoloco.pipelines.evaluation.episodes import MISSED
 from lacoloco.pipelines.high_level.config import TrainHighConfig
 from lacoloco.pipelines.high_level.hindsight import clone_hindsight, explore
 from lacoloco.pipelines.learn import parallel
@@ -19,12 +18,13 @@ from lacoloco.pipelines.learn.networks import geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo
 from lacoloco.pipelines.masking import perhaps_any
 from lacoloco.pipelines.policies import Head, Policy
+from lacoloco.pipelines.sim.commands import TargetCommand
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.episode_restarts import Retries
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.state import layout, width
-from lacoloco.pipelines.sim.tasks import reach_task
+from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
@@ -39,15 +39,13 @@ class HighTrainer:
         """Build the hierarchy and the learner."""
         torch.manual_seed(seed)
         self.config = config
-        task = reach_task(spec)
+        self.not_reached = spec.skills.not_reached
+        task = load_task(spec, "reach")
         task = replace(
             task,
-            command=replace(task.command, near=config.near),
+            command=replace(task.command, near=config.near) if task.has_target else task.command,
             randomisation=widened(task.randomisation, config.randomisation),
-            fall_tilt=config.fall_tilt,
-            rewards=(*task.rewards, ("approach", config.approach))
-            if config.approach
-            else task.rewards,
+            fall_tilt=spec.terminations.training_tilt,
         )
         env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)
         # Evenly among the worlds: PPO orders them by how often they act on the mean.
@@ -78,11 +76,15 @@ class HighTrainer:
 
         Every process has its own worlds, but the first one's policy counts.
         """
-        command, config = self.env.env.task.command, self.config.hindsight
+        task, config = self.env.env.task, self.config.hindsight
+        distances = self.env.env.spec.hindsight
+        if not isinstance(task.command, TargetCommand):
+            return 0.0
+        command = task.command
         memory = explore(self.env, config, self.draw)
         columns = {row["name"]: slice(*row["slice"]) for row in self.head.layout}
         agreement = clone_hindsight(
-            self.algorithm.actor, memory, command, columns, config, self.draw
+            self.algorithm.actor, memory, command, columns, distances, config, self.draw
         )
         parallel.copy_from_first(self.algorithm.actor)
         return agreement
@@ -116,7 +118,7 @@ class HighTrainer:
             algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
             # Only whole episodes are counted: a fall or a miss, but not what comes of its retries.
             whole = decision.done & ~self.retries.returned
-            missed = decision.timed_out & (decision.error > MISSED)
+            missed = decision.timed_out & (decision.error > self.not_reached)
             again = self.retries.choose(decision.fell, missed if rematch else None)
             env.reset(decision.done)
             fresh |= decision.done & ~again

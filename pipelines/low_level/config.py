@@ -29,7 +29,6 @@ class TrainLowConfig:
             change learns to stand.
         randomisation: factor on the spread of masses, centres of mass and friction; evaluation is
             at 1.
-        fall_tilt: tilt of the base that is a fall already [rad].
         second_chances: share of falls after which the world is put back to shortly before, again
             and again.
         push: how hard the robot is pushed, where it is at all [m/s, rad/s]; evaluation pushes with
@@ -68,7 +67,6 @@ class TrainLowConfig:
     rehearsal: float = 0.5
     rehearsal_from: float = 0.3
     randomisation: float = 1.5
-    fall_tilt: float = 1.05
     second_chances: float = 0.9
     push: float = 0.3
     push_every_s: tuple[float, float] = (1.0, 3.0)

@@ -301,7 +301,7 @@ def _task(spec: RobotSpec, config: TrainLowConfig) -> Task:
     return replace(
         task,
         episode_s=config.episode_s,
-        fall_tilt=config.fall_tilt,
+        fall_tilt=spec.terminations.training_tilt,
         reset=reset,
         randomisation=around,
     )

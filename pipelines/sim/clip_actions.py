@@ -25,14 +25,6 @@ ITERATIONS = 60
 """In the air 6 are enough; where a leg is loaded the answer is slower, and after 6 the targets are
 still 0.14 rad (rms) off.
 """
-GAIN_POSITION, GAIN_VELOCITY = 1.2, 0.025
-"""Correction of a joint target per rad and per rad/s of error [rad]: damped Gauss-Newton for a
-joint that answers a changed target by a third of it in position and by 15 1/s of it in velocity
-within one control step
-(Solo12 in the air).
-"""
-BOUND = 1.0
-"""Largest |action| that is taken from a clip."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +114,11 @@ def _solve(
     )
     wanted_q, wanted_v = states.qpos[padded + 1, 7:], states.qvel[padded + 1, 6:]
     target = wanted_q + lead * wanted_v
+    gains, bound = spec.inverse_dynamics, spec.inverse_dynamics.largest_action
     for _ in range(ITERATIONS):
         physics.reset(worlds, states.qpos[padded], states.qvel[padded])
         physics.step(target)
-        correction = GAIN_POSITION * (wanted_q - physics.qpos[:, 7:]) + GAIN_VELOCITY * (
-            wanted_v - physics.qvel[:, 6:]
-        )
+        off_q, off_v = wanted_q - physics.qpos[:, 7:], wanted_v - physics.qvel[:, 6:]
+        correction = gains.position_gain * off_q + gains.velocity_gain * off_v
         target = target + 0.7 * correction
-    return ((target - default) / action_scale).clamp(-BOUND, BOUND)[: len(rows)]
+    return ((target - default) / action_scale).clamp(-bound, bound)[: len(rows)]

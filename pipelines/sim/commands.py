@@ -1,16 +1,34 @@
-"""What a task asks of the robot: a velocity to track, or a point to touch."""
+"""What a task asks of the robot: a velocity to track, a heading to hold, or a point to touch."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar, Protocol
 
 import torch
 
-from lacoloco.datasets.rotations import rotate_inverse
-from lacoloco.pipelines.sim.state import RobotState
+from lacoloco.datasets.rotations import rotate, rotate_inverse
+from lacoloco.pipelines.sim.state import RobotState, Term
+from lacoloco.robots.tables import Positive, Range, Share
 
-Range = tuple[float, float]
+
+class Command(Protocol):
+    """A kind of command: three numbers per world, drawn at resets and shown to the policy.
+
+    Attributes:
+        term: What a policy observes of it.
+    """
+
+    term: ClassVar[Term]
+
+    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(K, 3) new commands for K worlds around ``origin`` (K, 3) [m]."""
+        ...
+
+    def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
+        """(N, 3) what the policy sees of ``command`` (N, 3)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -19,10 +37,12 @@ class VelocityCommand:
     told to stand.
     """
 
+    term: ClassVar[Term] = Term("velocity_command", 3, "m/s, rad/s", "base")
+
     forward: Range
     lateral: Range
     yaw_rate: Range
-    standing: float = 0.02
+    standing: Share = 0.02
 
     def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
         """(K, 3) new commands for K worlds; ``origin`` (K, 3) only gives the count."""
@@ -45,11 +65,13 @@ class TargetCommand:
     touching that does not begin with a walk.
     """
 
+    term: ClassVar[Term] = Term("target", 3, "m", "base")
+
     z: Range
     x: Range = (0.0, 0.0)
     y: Range = (0.0, 0.0)
-    radius: float | None = None
-    near: float = 0.0
+    radius: Positive | None = None
+    near: Share = 0.0
 
     def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
         """(K, 3) world targets around ``origin`` (K, 3) [m]."""
@@ -69,6 +91,43 @@ class TargetCommand:
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
         """(N, 3) the target in the base frame (full orientation, as in the original) [m]."""
         return rotate_inverse(state.root_quat, command - state.root_pos)
+
+
+@dataclass(frozen=True)
+class HeadingCommand:
+    """A heading to turn to and hold: its angle in the world, uniform up to ``most`` to either side
+    [rad].
+    """
+
+    term: ClassVar[Term] = Term("heading_command", 3, "1", "base")
+
+    most: Positive = torch.pi
+
+    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(K, 3) unit vectors in the world; ``origin`` (K, 3) only gives the count."""
+        angle = uniform(((-self.most, self.most),), len(origin), draw)[:, 0]
+        return torch.stack((torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)), dim=-1)
+
+    def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
+        """(N, 3) the unit vector in the base frame."""
+        return rotate_inverse(state.root_quat, command)
+
+
+def heading_error(command: torch.Tensor, state: RobotState) -> torch.Tensor:
+    """(N,) angle between the base's forward axis on the ground and ``command`` (N, 3) [rad]."""
+    ahead = torch.zeros_like(state.root_pos)
+    ahead[:, 0] = 1.0
+    ahead = rotate(state.root_quat, ahead)
+    across = ahead[:, 0] * command[:, 1] - ahead[:, 1] * command[:, 0]
+    along = ahead[:, 0] * command[:, 0] + ahead[:, 1] * command[:, 1]
+    return torch.atan2(across, along).abs()
+
+
+COMMANDS: dict[str, type] = {
+    "velocity": VelocityCommand,
+    "target": TargetCommand,
+    "heading": HeadingCommand,
+}
 
 
 def uniform(ranges: tuple[Range, ...], count: int, draw: torch.Generator) -> torch.Tensor:

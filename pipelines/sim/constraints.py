@@ -76,12 +76,12 @@ def stand_still(env: World, limit: float) -> torch.Tensor:
     return (env.state.joint_vel.abs() - limit) * (env.command_speed() <= 0.1)[:, None]
 
 
-def hip_deviation(env: World, limit: float) -> torch.Tensor:
-    """(N, H) hip abduction away from the default pose [rad] minus the limit, while no lateral speed
-    is commanded.
+def abduction_deviation(env: World, limit: float) -> torch.Tensor:
+    """(N, A) abduction joints away from the default pose [rad] minus the limit, while no lateral
+    speed is commanded.
     """
-    hips = env.hip_columns
-    deviation = (env.state.joint_pos[:, hips] - env.default_joint_pos[hips]).abs() - limit
+    columns = env.abduction_columns
+    deviation = (env.state.joint_pos[:, columns] - env.default_joint_pos[columns]).abs() - limit
     return deviation * (env.command[:, 1].abs() < 0.1)[:, None]
 
 
@@ -97,6 +97,6 @@ CONSTRAINTS: dict[str, Callable[[World, float], torch.Tensor]] = {
         base_tilt,
         air_time,
         stand_still,
-        hip_deviation,
+        abduction_deviation,
     )
 }

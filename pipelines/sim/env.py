@@ -3,7 +3,7 @@ loop over worlds.
 
 An environment never resets itself: :meth:`LeggedEnv.step` describes the step as it ended, the
 caller decides what to keep of it, then calls :meth:`LeggedEnv.reset`. So no transition, value or
-reward can ever be taken from the wrong side of a reset (facts 9.2, B2, B3, B8, B9).
+reward can ever be taken from the wrong side of a reset (the original takes them after it).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import torch
 
 from lacoloco.pipelines.masking import pick, put, select
 from lacoloco.pipelines.sim import state as layouts
-from lacoloco.pipelines.sim.commands import TargetCommand, uniform
+from lacoloco.pipelines.sim.commands import uniform
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS
 from lacoloco.pipelines.sim.contact_timer import FootTimer
 from lacoloco.pipelines.sim.engines import make_physics
@@ -24,7 +24,6 @@ from lacoloco.pipelines.sim.initial_states import StandingStarts, clip_starts
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters
 from lacoloco.pipelines.sim.randomisation import draw_parameters
-from lacoloco.pipelines.sim.rewards import REWARDS
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
 from lacoloco.pipelines.sim.tasks import Task
 from lacoloco.robots.spec import RobotSpec
@@ -80,7 +79,6 @@ class LeggedEnv:
     ) -> None:
         """Build the worlds, draw their parameters and start every episode."""
         self.spec, self.task, self.num_worlds, self.motions = spec, task, num_worlds, motions
-        self._has_target = isinstance(task.command, TargetCommand)
         request = PhysicsRequest(spec, num_worlds, task.training_limits)
         self.physics = physics or make_physics(request, device)
         self.device = self.physics.device
@@ -88,8 +86,8 @@ class LeggedEnv:
         self._chain = EndEffectorChain(spec, self.device)
         joints = len(spec.joint_names)
         self.default_joint_pos = torch.tensor(spec.default_joint_pos, device=self.device)
-        hips = [i for i, name in enumerate(spec.joint_names) if "HAA" in name or "hip_roll" in name]
-        self.hip_columns = torch.tensor(hips, dtype=torch.long, device=self.device)
+        sideways = [spec.joint_names.index(name) for name in spec.abduction_joints]
+        self.abduction_columns = torch.tensor(sideways, dtype=torch.long, device=self.device)
         self.num_actions = joints
         self._starts = StandingStarts(spec, task.reset.joint_scale, self.draw, self.device)
         self._falls = slice(
@@ -115,21 +113,15 @@ class LeggedEnv:
     @property
     def terms(self) -> tuple[Term, ...]:
         """Layout of :meth:`observe`."""
-        command = None
-        if self.task.command is not None:
-            target, velocity = (
-                Term("target", 3, "m", "base"),
-                Term("velocity_command", 3, "m/s, rad/s", "base"),
-            )
-            command = target if self._has_target else velocity
-        return layouts.policy_terms(self.num_actions, self.task.joint_pos_noise, command)
+        command = None if self.task.command is None else self.task.command.term
+        return layouts.policy_terms(self.num_actions, self.spec.observation_noise, command)
 
     def step(self, action: torch.Tensor) -> Step:
         """Apply raw actions (N, J) for one control step: joint targets = default pose + action
         scale x action.
         """
         self.previous, self.previous_action, self.action = self.state, self.action, action
-        if self._has_target:
+        if self.task.has_target:
             self.previous_target_error = self.target_error()
         self.physics.step(self.default_joint_pos + self.task.action_scale * action)
         self._read()
@@ -269,8 +261,8 @@ class LeggedEnv:
 
     def _reward(self) -> torch.Tensor:
         total = torch.zeros(self.num_worlds, device=self.device)
-        for name, weight in self.task.rewards:
-            total += weight * REWARDS[name](self)
+        for term in self.task.rewards:
+            total += term.weight * term(self)
         return (total.clamp_min(0.0) if self.task.clip_reward else total) * CONTROL_DT
 
     def _push(self) -> None:

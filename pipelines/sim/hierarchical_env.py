@@ -60,12 +60,14 @@ class LatentSteeredEnv:
         low: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
         latent_dim: int,
     ) -> None:
-        """Wrap an environment whose command is a target."""
+        """Wrap an environment; without a target, errors stay 0."""
         self.env, self.low = env, low
         self.num_worlds, self.device = env.num_worlds, env.device
         self.latent = torch.zeros(env.num_worlds, latent_dim, device=env.device)
         self.terms: tuple[Term, ...] = layouts.high_level_terms(
-            env.num_actions, env.task.joint_pos_noise
+            env.num_actions,
+            env.spec.observation_noise,
+            None if env.task.command is None else env.task.command.term,
         )
         self.limit = env.spec.foot_force_limit()
         self._frame = 10 + 2 * env.num_actions
@@ -90,7 +92,8 @@ class LatentSteeredEnv:
         for _ in range(HOLD_STEPS):
             step = env.step(self.low(env.observe()[:, : self._low_width], z))
             reward += step.reward * alive / HOLD_STEPS
-            error = torch.where(alive, env.target_error(), error)
+            if env.task.has_target:
+                error = torch.where(alive, env.target_error(), error)
             above += (env.physics.foot_force > self.limit).float().sum(dim=1) * alive[:, None]
             lived += alive.float() * env.physics.foot_force.shape[1]
             if on_step is not None:

@@ -7,21 +7,30 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from lacoloco.pipelines.sim.commands import Range, uniform
+from lacoloco.pipelines.sim.commands import uniform
 from lacoloco.pipelines.sim.physics import WorldParameters
+from lacoloco.robots.tables import NonNegative, Range
 
 
 @dataclass(frozen=True)
 class Randomisation:
     """What differs between worlds (``LeggedEnv.redraw`` draws it again) and how hard the base is
     pushed.
+
+    Attributes:
+        friction: Of the feet.
+        mass_scale: Factor on all masses.
+        inertia_scale: Factor on all inertias.
+        base_com: Half-range of each component of the shift of the base's centre of mass [m].
+        push: Half-range of each component that a push adds to the base's velocity [m/s, rad/s].
+        push_interval_s: Seconds between pushes.
     """
 
     friction: Range = (0.4, 1.5)
     mass_scale: Range = (0.8, 1.2)
     inertia_scale: Range = (0.8, 1.2)
-    base_com: float = 0.02
-    push: float = 0.1
+    base_com: NonNegative = 0.02
+    push: NonNegative = 0.1
     push_interval_s: Range = (5.0, 8.0)
 
 

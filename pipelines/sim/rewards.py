@@ -4,34 +4,56 @@ with a weight.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 
+from lacoloco.pipelines.sim.commands import heading_error
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.world import World
 
 
-def track_planar_velocity(env: World) -> torch.Tensor:
-    """exp(-|v_xy - v_xy*|^2 / 0.25), base frame (facts 2.3)."""
+class RewardTerm(NamedTuple):
+    """A registered reward term in a task.
+
+    Attributes:
+        name: A key of ``REWARDS``.
+        weight: Factor on it.
+        parameters: (name, value) pairs of its function.
+    """
+
+    name: str
+    weight: float
+    parameters: tuple[tuple[str, float], ...] = ()
+
+    def __call__(self, env: World) -> torch.Tensor:
+        """(N,) its value, before the weight."""
+        return REWARDS[self.name].function(env, **dict(self.parameters))
+
+
+def track_planar_velocity(env: World, variance: float) -> torch.Tensor:
+    """exp(-|v_xy - v_xy*|^2 / variance), base frame; the original has 0.25 [m^2/s^2]."""
     error = env.state.lin_vel_b[:, :2] - env.command[:, :2]
-    return torch.exp(-error.square().sum(dim=-1) / 0.25)
+    return torch.exp(-error.square().sum(dim=-1) / variance)
 
 
-def track_planar_velocity_closely(env: World) -> torch.Tensor:
-    """exp(-|v_xy - v_xy*|^2 / 0.02): the wide kernel alone is content with 0.2 m/s of error."""
-    error = env.state.lin_vel_b[:, :2] - env.command[:, :2]
-    return torch.exp(-error.square().sum(dim=-1) / 0.02)
+def track_yaw_rate(env: World, variance: float) -> torch.Tensor:
+    """exp(-(w_z - w_z*)^2 / variance); the original has 0.25 [rad^2/s^2]."""
+    return torch.exp(-(env.state.ang_vel_b[:, 2] - env.command[:, 2]).square() / variance)
 
 
-def track_yaw_rate(env: World) -> torch.Tensor:
-    """exp(-(w_z - w_z*)^2 / 0.25) (facts 2.3)."""
-    return torch.exp(-(env.state.ang_vel_b[:, 2] - env.command[:, 2]).square() / 0.25)
+def track_heading(env: World, variance: float) -> torch.Tensor:
+    """exp(-error^2 / variance) of the angle from the base's heading to the asked one [rad^2]."""
+    error = heading_error(env.command, env.state)
+    return torch.exp(-error.square() / variance)
 
 
-def reach(env: World) -> torch.Tensor:
-    """exp(-10 |p_ee - p*|), the paper's task reward."""
-    return torch.exp(-10.0 * env.target_error())
+def reach(env: World, sharpness: float) -> torch.Tensor:
+    """exp(-sharpness |p_ee - p*|), the paper's task reward with 10 [1/m]."""
+    return torch.exp(-sharpness * env.target_error())
 
 
 def progress(env: World) -> torch.Tensor:
@@ -43,18 +65,16 @@ def progress(env: World) -> torch.Tensor:
     return (env.previous_target_error - env.target_error()) / CONTROL_DT
 
 
-def approach(env: World) -> torch.Tensor:
-    """exp(-|p_ee - p*| / 0.3): a wide slope for the expert, which starts far from its targets
-    (facts 2.5 have 0.8).
-    """
-    return torch.exp(-env.target_error() / 0.3)
+def approach(env: World, length: float) -> torch.Tensor:
+    """exp(-|p_ee - p*| / length): a wide slope for an expert that starts far from its targets."""
+    return torch.exp(-env.target_error() / length)
 
 
-def lift(env: World) -> torch.Tensor:
-    """exp(-|z_ee - z*| / 0.1): pays for height alone, so that the foot leaves the ground before it
-    finds its target.
+def lift(env: World, length: float) -> torch.Tensor:
+    """exp(-|z_ee - z*| / length): pays for height alone, so that the end effector is lifted before
+    it finds its target.
     """
-    return torch.exp(-(env.end_effector()[:, 2] - env.command[:, 2]).abs() / 0.1)
+    return torch.exp(-(env.end_effector()[:, 2] - env.command[:, 2]).abs() / length)
 
 
 def joint_speed(env: World) -> torch.Tensor:
@@ -94,22 +114,36 @@ def posture(env: World) -> torch.Tensor:
     return (env.state.joint_pos - env.default_joint_pos).square().sum(dim=-1)
 
 
-REWARDS: dict[str, Callable[[World], torch.Tensor]] = {
-    function.__name__: function
-    for function in (
-        track_planar_velocity,
-        track_planar_velocity_closely,
-        track_yaw_rate,
-        reach,
-        progress,
-        approach,
-        lift,
-        joint_speed,
-        joint_torque,
-        action_change,
-        joint_acceleration,
-        tilt,
-        vertical_motion,
-        posture,
-    )
+@dataclass(frozen=True)
+class Registered:
+    """A reward function, and the type of command it reads; None where it reads none."""
+
+    function: Callable[..., torch.Tensor]
+    needs: str | None = None
+
+
+REWARDS: dict[str, Registered] = {
+    "track_planar_velocity": Registered(track_planar_velocity, "velocity"),
+    "track_yaw_rate": Registered(track_yaw_rate, "velocity"),
+    "track_heading": Registered(track_heading, "heading"),
+    "reach": Registered(reach, "target"),
+    "progress": Registered(progress, "target"),
+    "approach": Registered(approach, "target"),
+    "lift": Registered(lift, "target"),
+    "joint_speed": Registered(joint_speed),
+    "joint_torque": Registered(joint_torque),
+    "action_change": Registered(action_change),
+    "joint_acceleration": Registered(joint_acceleration),
+    "tilt": Registered(tilt),
+    "vertical_motion": Registered(vertical_motion),
+    "posture": Registered(posture),
 }
+
+
+def parameters_of(name: str) -> dict[str, float | None]:
+    """Parameters of a reward term -> their default; None where a value must be given."""
+    arguments = list(inspect.signature(REWARDS[name].function).parameters.values())[1:]
+    return {
+        argument.name: None if argument.default is argument.empty else argument.default
+        for argument in arguments
+    }

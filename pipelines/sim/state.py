@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from lacoloco.datasets.rotations import rotate_inverse
+from lacoloco.robots.numbers import ObservationNoise
 
 if TYPE_CHECKING:
     from lacoloco.datasets.motion_library import MotionFrames
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 LATENT_DIM = 7
 """Dimension of the skill latent z (paper section IV-D)."""
 TARGET_DIM = 3
+CLEAN = ObservationNoise()
 
 
 @dataclass(frozen=True)
@@ -104,37 +106,36 @@ def style_frame(state: RobotState) -> torch.Tensor:
     return torch.cat(parts, dim=-1)
 
 
-def style_terms(joints: int, joint_pos_noise: float = 0.05) -> tuple[Term, ...]:
+def style_terms(joints: int, noise: ObservationNoise = CLEAN) -> tuple[Term, ...]:
     """Layout of :func:`style_frame`; the noise is what the *policy's* copy receives in training."""
     return (
-        Term("base_height", 1, "m", "world", 0.005),
-        Term("projected_gravity", 3, "1", "base", 0.05),
-        Term("base_lin_vel", 3, "m/s", "base", 0.1),
-        Term("base_ang_vel", 3, "rad/s", "base", 0.2),
-        Term("joint_pos", joints, "rad", "joint", joint_pos_noise),
-        Term("joint_vel", joints, "rad/s", "joint", 1.5),
+        Term("base_height", 1, "m", "world", noise.base_height),
+        Term("projected_gravity", 3, "1", "base", noise.projected_gravity),
+        Term("base_lin_vel", 3, "m/s", "base", noise.base_lin_vel),
+        Term("base_ang_vel", 3, "rad/s", "base", noise.base_ang_vel),
+        Term("joint_pos", joints, "rad", "joint", noise.joint_pos),
+        Term("joint_vel", joints, "rad/s", "joint", noise.joint_vel),
     )
 
 
 def policy_terms(
-    joints: int, joint_pos_noise: float = 0.05, command: Term | None = None
+    joints: int, noise: ObservationNoise = CLEAN, command: Term | None = None
 ) -> tuple[Term, ...]:
     """Layout of the low-level policy's observation: the style frame, the last action, a command if
     the task has one.
     """
-    terms = (*style_terms(joints, joint_pos_noise), Term("last_action", joints, "1", "joint"))
+    terms = (*style_terms(joints, noise), Term("last_action", joints, "1", "joint"))
     return terms if command is None else (*terms, command)
 
 
-def high_level_terms(joints: int, joint_pos_noise: float = 0.05) -> tuple[Term, ...]:
-    """Layout of the high-level policy's observation: style frame, target in the base frame, last
-    latent.
+def high_level_terms(
+    joints: int, noise: ObservationNoise = CLEAN, command: Term | None = None
+) -> tuple[Term, ...]:
+    """Layout of the high-level policy's observation: style frame, command (a target in the base
+    frame unless another is given), last latent.
     """
-    target, latent = (
-        Term("target", TARGET_DIM, "m", "base"),
-        Term("last_latent", LATENT_DIM, "1", "latent"),
-    )
-    return (*style_terms(joints, joint_pos_noise), target, latent)
+    asked = command or Term("target", TARGET_DIM, "m", "base")
+    return (*style_terms(joints, noise), asked, Term("last_latent", LATENT_DIM, "1", "latent"))
 
 
 def width(terms: tuple[Term, ...]) -> int:

@@ -1,32 +1,57 @@
-"""The four tasks, as plain data: walk, reach in place, imitate, reach. Factories take the robot;
-nothing is inherited.
+"""Tasks are data: reward terms, constraints, command, resets and terminations by registered names.
 
-Numbers without a comment are the original's (facts 2.1 to 2.6); each deviation says why.
+A robot brings the tasks of the paper in its ``robot.toml``, one table each: ``walk`` and
+``reach_in_place`` for the experts, ``imitate`` for the low level, ``reach`` for the high level. A
+file of one's own holds one such table at its top level.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
-from lacoloco.pipelines.sim.commands import Range, TargetCommand, VelocityCommand
-from lacoloco.pipelines.sim.constraints import Constraint
+from lacoloco.pipelines.sim.commands import COMMANDS, Command, TargetCommand
+from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Constraint
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION, Randomisation
+from lacoloco.pipelines.sim.randomisation import Randomisation
+from lacoloco.pipelines.sim.rewards import REWARDS, RewardTerm, parameters_of
+from lacoloco.robots.errors import RobotError
+from lacoloco.robots.loading import TOML
 from lacoloco.robots.spec import RobotSpec
+from lacoloco.robots.tables import (
+    NonNegative,
+    Place,
+    Positive,
+    Range,
+    Share,
+    nearest,
+    parse_toml,
+    read_table,
+    read_value,
+    refuse_unknown,
+)
 
 
 @dataclass(frozen=True)
 class ResetConfig:
-    """How an episode starts: from the default pose with these spreads, or from a frame of a
-    clip.
+    """How an episode starts: from the default pose with these spreads, or from a frame of a clip.
+
+    Attributes:
+        clip_share: Share of the episodes that start in a clip.
+        position: Half-width of the square that it starts in [m].
+        heading: Largest heading to either side [rad].
+        lin_vel: Half-range of each component of the base's velocity [m/s].
+        ang_vel: Half-range of each component of its turning [rad/s].
+        joint_scale: Range of the factors on the default joint angles.
     """
 
-    clip_share: float = 0.0
-    position: float = 0.0
-    heading: float = 3.14159
-    lin_vel: float = 0.3
-    ang_vel: float = 0.1
+    clip_share: Share = 0.0
+    position: NonNegative = 0.0
+    heading: NonNegative = 3.14159
+    lin_vel: NonNegative = 0.3
+    ang_vel: NonNegative = 0.1
     joint_scale: Range = (0.9, 1.1)
 
 
@@ -35,23 +60,28 @@ class Task:
     """One environment's rules.
 
     Attributes:
-        rewards: (name in ``REWARDS``, weight) pairs; their sum is multiplied by the control step,
-            0.02 s.
-        clip_reward: never pay less than zero, as the original's CaT environments do.
-        resample_s: seconds between command changes inside an episode; None keeps one command.
-        fall_on_undesired: also end the episode when an undesired body touches something.
-        fall_tilt: end it also when the base is tilted by more than this [rad]. A robot that tips
-            over rolls onto its back for a second before what counts as a fall touches the ground.
-        noise: factor on the observation noise (0: clean).
-        training_limits: motors as strong as in training rather than as strong as they are.
+        name: What it is called.
+        action_scale: Radians per unit of action.
+        command: What is asked of the robot; None for nothing.
+        episode_s: Seconds until the time-out.
+        resample_s: Seconds between command changes inside an episode; None keeps one command.
+        rewards: Terms; their weighted sum is multiplied by the control step, 0.02 s.
+        clip_reward: Never pay less than zero.
+        constraints: What must hold (Constraints as Terminations).
+        fall_on_undesired: Also end the episode when an undesired body touches something.
+        fall_tilt: End it also when the base is tilted by more than this [rad].
+        reset: How episodes start.
+        randomisation: What differs between worlds.
+        noise: Factor on the observation noise (0: clean).
+        training_limits: Motors as strong as in training rather than as strong as they are.
     """
 
     name: str
     action_scale: float
-    command: VelocityCommand | TargetCommand | None = None
+    command: Command | None = None
     episode_s: float = 10.0
     resample_s: Range | None = None
-    rewards: tuple[tuple[str, float], ...] = ()
+    rewards: tuple[RewardTerm, ...] = ()
     clip_reward: bool = False
     constraints: tuple[Constraint, ...] = ()
     fall_on_undesired: bool = False
@@ -59,7 +89,6 @@ class Task:
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
     noise: float = 1.0
-    joint_pos_noise: float = 0.05
     training_limits: bool = True
 
     @property
@@ -67,139 +96,139 @@ class Task:
         """Control steps until the time-out."""
         return round(self.episode_s / CONTROL_DT)
 
-
-def _solo_or(spec: RobotSpec, solo: object, other: object) -> object:
-    """The quadruped's numbers for four-legged robots, the humanoid's for the rest."""
-    return solo if len(spec.feet) == 4 else other
-
-
-def _randomisation(spec: RobotSpec, push: float) -> Randomisation:
-    # The original randomises nothing on the H1 but observations.
-    return _solo_or(spec, Randomisation(push=push), NO_RANDOMISATION)
+    @property
+    def has_target(self) -> bool:
+        """Whether it asks the end effector to be somewhere."""
+        return isinstance(self.command, TargetCommand)
 
 
-def walk_task(spec: RobotSpec) -> Task:
-    """Track a planar velocity: the walking expert (facts 2.3 and 2.4).
+@dataclass(frozen=True)
+class _ConstraintRow:
+    """One row of ``constraints``; without a limit, ``foot_force`` has the robot's."""
 
-    The style of the gait comes from the constraints on the quadruped and from penalties on the
-    humanoid.
+    name: str
+    max_p: Share
+    limit: float | None = None
+
+
+@dataclass(frozen=True)
+class _TaskTable:
+    """A task as it is written; see :class:`Task`. ``action_scale`` is a name of ``[actions]``."""
+
+    action_scale: str = "low"
+    command: Mapping[str, Any] | None = None
+    episode_s: Positive = 10.0
+    resample_s: Range | None = None
+    rewards: tuple[Mapping[str, Any], ...] = ()
+    clip_reward: bool = False
+    constraints: tuple[_ConstraintRow, ...] = ()
+    fall_on_undesired: bool = False
+    fall_tilt: Positive | None = None
+    reset: ResetConfig = field(default_factory=ResetConfig)
+    randomisation: Randomisation = field(default_factory=Randomisation)
+
+
+def load_task(spec: RobotSpec, name: str) -> Task:
+    """The robot's task of that name.
+
+    Raises:
+        RobotError: There is none, or something in its table is wrong; one line that says what.
     """
-    quadruped = len(spec.feet) == 4
-    lateral = (-0.5, 0.5) if quadruped else (0.0, 0.0)
-    forward = (-0.5, 0.5) if quadruped else (0.0, 1.0)
-    constraints = (
-        Constraint("torque", 3.0, 0.1),
-        Constraint("joint_velocity", 16.0, 0.1),
-        Constraint("joint_acceleration", 800.0, 0.1),
-        Constraint("action_rate", 80.0, 0.1),
-        # The original allows 50 N; the low level is held to the robot's weight, so its examples
-        # should be too.
-        Constraint("foot_force", spec.foot_force_limit(), 0.1),
-        Constraint("base_tilt", 0.1, 0.1),
-        Constraint("air_time", 0.2, 0.1),
-        Constraint("stand_still", 4.0, 0.1),
-        Constraint("hip_deviation", 0.2, 0.1),
-    )
-    penalties = (("vertical_motion", -1.0), ("tilt", -1.0), ("action_change", -0.005))
-    return Task(
-        name="walk",
-        action_scale=spec.walk_action_scale,
-        command=VelocityCommand(forward, lateral, (-0.78, 0.78)),
-        episode_s=10.0,
-        resample_s=(5.0, 8.0),
-        rewards=(
-            ("track_planar_velocity", 1.0),
-            ("track_planar_velocity_closely", 0.5),
-            ("track_yaw_rate", 0.5),
-            *(() if quadruped else penalties),
-        ),
-        clip_reward=True,
-        constraints=constraints if quadruped else (),
-        fall_on_undesired=True,
-        reset=ResetConfig(joint_scale=(0.5, 1.5)),
-        randomisation=_randomisation(spec, 0.3),
-        joint_pos_noise=_solo_or(spec, 0.05, 0.01),
-    )
+    place = Place(str(spec.folder / TOML)) / "tasks"
+    if name not in spec.tasks:
+        place.fail(f"robot {spec.name!r} has no task {name!r}; {nearest(name, spec.tasks)}")
+    return read_task(spec, name, spec.tasks[name], place / name)
 
 
-def reach_in_place_task(spec: RobotSpec) -> Task:
-    """Touch points that need no step: the reaching expert (facts 2.5 and 2.6), its widest target
-    box from the start.
+def load_task_file(spec: RobotSpec, path: Path) -> Task:
+    """A task from a file of one's own, called like the file.
+
+    Raises:
+        RobotError: It cannot be read, or something in it is wrong; one line that says what.
     """
-    box = _solo_or(
-        spec,
-        TargetCommand(x=(0.2, 0.4), y=(-0.24, 0.08), z=(0.02, 0.42)),
-        TargetCommand(x=(0.4, 0.6), y=(-0.36, -0.04), z=(0.4, 1.8)),
-    )
+    try:
+        text = path.read_bytes().decode()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotError(f"{path}: cannot be read as text: {error}") from error
+    return read_task(spec, path.stem, parse_toml(text, str(path)), Place(str(path)))
+
+
+def read_task(spec: RobotSpec, name: str, values: object, place: Place) -> Task:
+    """A task from its table.
+
+    Raises:
+        RobotError: One line that names the file, the key and what is expected.
+    """
+    table = read_table(_TaskTable, values, place)
+    scales = {"low": spec.action_scale, "walk": spec.walk_action_scale}
+    if table.action_scale not in scales:
+        where = place / "action_scale"
+        where.expected(f"one of {', '.join(scales)}", table.action_scale)
     return Task(
-        name="reach_in_place",
-        action_scale=spec.action_scale,
-        command=box,
-        resample_s=(2.0, 4.0),
-        rewards=(
-            ("approach", 1.0),
-            ("reach", 2.0),
-            ("lift", 2.0),
-            ("joint_speed", -2e-4),
-            ("joint_torque", -2e-3),
-            ("action_change", -5e-3),
+        name=name,
+        action_scale=scales[table.action_scale],
+        command=_command(table.command, place / "command"),
+        episode_s=table.episode_s,
+        resample_s=table.resample_s,
+        rewards=tuple(
+            _reward(row, place / "rewards" / i, table) for i, row in enumerate(table.rewards)
         ),
-        constraints=(
-            Constraint("torque", 3.0, 0.25),
-            Constraint("joint_velocity", 16.0, 0.25),
-            Constraint("joint_acceleration", 800.0, 0.25),
-            Constraint("action_rate", 80.0, 0.25),
-            Constraint("undesired_contact", 1.0, 0.25),
-        )
-        if len(spec.feet) == 4
-        else (),
-        reset=ResetConfig(heading=0.0, lin_vel=0.0, ang_vel=0.0),
-        randomisation=_randomisation(spec, 0.1),
-        joint_pos_noise=_solo_or(spec, 0.05, 0.01),
+        clip_reward=table.clip_reward,
+        constraints=tuple(
+            _constraint(spec, row, place / "constraints" / i)
+            for i, row in enumerate(table.constraints)
+        ),
+        fall_on_undesired=table.fall_on_undesired,
+        fall_tilt=table.fall_tilt,
+        reset=table.reset,
+        randomisation=table.randomisation,
     )
 
 
 def imitate_task(spec: RobotSpec, *, constrained: bool) -> Task:
-    """The low level: no task reward; half of the episodes start inside a clip (facts 2.1)."""
-    limit = spec.contact_force_limit * spec.weight()
-    max_p = _solo_or(spec, 0.2, 0.1)
-    return Task(
-        name="imitate",
-        action_scale=spec.action_scale,
-        constraints=(Constraint("foot_force", limit, max_p),) if constrained else (),
-        reset=ResetConfig(clip_share=0.5),
-        randomisation=_randomisation(spec, 0.1),
-        joint_pos_noise=_solo_or(spec, 0.05, 0.01),
+    """The low level's task, with or without its constraints."""
+    task = load_task(spec, "imitate")
+    return task if constrained else replace(task, constraints=())
+
+
+def _command(values: Mapping[str, Any] | None, place: Place) -> Command | None:
+    if values is None:
+        return None
+    kind = values.get("type")
+    if not isinstance(kind, str) or kind not in COMMANDS:
+        (place / "type").expected(f"one of {', '.join(COMMANDS)}", kind)
+    rest = {key: value for key, value in values.items() if key != "type"}
+    return read_table(COMMANDS[kind], rest, place)
+
+
+def _reward(values: Mapping[str, Any], place: Place, table: _TaskTable) -> RewardTerm:
+    name = values.get("name")
+    if not isinstance(name, str) or name not in REWARDS:
+        hint = nearest(name, REWARDS) if isinstance(name, str) else ", ".join(REWARDS)
+        (place / "name").fail(f"{name!r} is no reward term; {hint}")
+    needed = REWARDS[name].needs
+    kind = None if table.command is None else table.command.get("type")
+    if needed is not None and kind != needed:
+        (place / "name").fail(f"{name!r} needs a command of type {needed!r}")
+    parameters = parameters_of(name)
+    refuse_unknown(values, ("name", "weight", *parameters), place)
+    for key in ("weight", *(key for key, default in parameters.items() if default is None)):
+        if key not in values:
+            (place / key).fail("missing; expected a number")
+    weight, *rest = (
+        (key, read_value(float, values[key], place / key))
+        for key in ("weight", *parameters)
+        if key in values
     )
+    return RewardTerm(name, weight[1], tuple(rest))
 
 
-def reach_task(spec: RobotSpec) -> Task:
-    """The paper's loco-manipulation: walk to a point and touch it (facts 2.2); one target per
-    episode.
-    """
-    target = _solo_or(
-        spec,
-        TargetCommand(radius=1.5, z=(0.16, 0.42)),
-        TargetCommand(x=(0.3, 4.0), y=(-1.0, 1.0), z=(1.0, 1.4)),
-    )
-    spread, heading = _solo_or(spec, (0.5, 3.14159), (0.0, 0.0))
-    joints = _solo_or(spec, (0.75, 1.25), (1.0, 1.0))
-    return Task(
-        name="reach",
-        action_scale=spec.action_scale,
-        command=target,
-        rewards=(("reach", 1.0), ("progress", 0.5)),
-        reset=ResetConfig(
-            position=spread, heading=heading, lin_vel=0.1, ang_vel=0.1, joint_scale=joints
-        ),
-        randomisation=_randomisation(spec, 0.25),
-        joint_pos_noise=_solo_or(spec, 0.05, 0.01),
-    )
-
-
-TASKS: dict[str, Callable[..., Task]] = {
-    "walk": walk_task,
-    "reach_in_place": reach_in_place_task,
-    "imitate": imitate_task,
-    "reach": reach_task,
-}
+def _constraint(spec: RobotSpec, row: _ConstraintRow, place: Place) -> Constraint:
+    if row.name not in CONSTRAINTS:
+        (place / "name").fail(f"{row.name!r} is no constraint; {nearest(row.name, CONSTRAINTS)}")
+    limit = row.limit
+    if limit is None:
+        if row.name != "foot_force":
+            (place / "limit").fail("missing; expected a number")
+        limit = spec.foot_force_limit()
+    return Constraint(row.name, limit, row.max_p)

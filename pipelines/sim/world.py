@@ -25,7 +25,7 @@ class World(Protocol):
         command: (N, 3) what the task asks for.
         feet: contact timing.
         default_joint_pos: (J,) default pose [rad].
-        hip_columns: the joints that move a leg sideways.
+        abduction_columns: the joints that move a leg sideways.
         previous_target_error: (N,) distance from the target before the step [m], in tasks with a
             target.
     """
@@ -38,7 +38,7 @@ class World(Protocol):
     command: torch.Tensor
     feet: FootTimer
     default_joint_pos: torch.Tensor
-    hip_columns: list[int]
+    abduction_columns: torch.Tensor
     previous_target_error: torch.Tensor
 
     def end_effector(self) -> torch.Tensor:

@@ -16,11 +16,7 @@ from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.clip_actions import ClipStates
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.tracking.trainer import NEVER, Shadow
-
-MOVING = 0.2
-"""Planar speed beyond which a clip moves [m/s]."""
-RESTING = 0.3
-"""Mean joint speed below which a robot rests, if it does not move either [rad/s]."""
+from lacoloco.robots.numbers import TrackingTolerances
 
 
 @dataclass(frozen=True)
@@ -86,13 +82,13 @@ def plan(shadow: Shadow, config: RecordingConfig, *, seed: int) -> Journey:
         round(seconds / CONTROL_DT) for seconds in (2.0 * config.shortest_s, config.start_s)
     )
     ahead = states.last - torch.arange(len(states.last), device=states.last.device)
-    moving = (speed > MOVING) & (speed < shadow.config.standing_speed) & (ahead >= shortest)
+    limits = shadow.env.spec.tracking
+    moving = (speed > limits.moving_speed) & (speed < limits.slow_speed) & (ahead >= shortest)
     begun = _beginnings(
         states, torch.nonzero(moving).flatten(), shadow.env.default_joint_pos, config.starts, seed
     )
-    ended, after = _ends(
-        torch.nonzero((speed > MOVING) & (ahead > shortest)).flatten(), ahead, config, seed + 1
-    )
+    going = torch.nonzero((speed > limits.moving_speed) & (ahead > shortest)).flatten()
+    ended, after = _ends(going, ahead, config, seed + 1)
     rows = torch.cat((through, begun, ended))
     standing, stop_at = torch.zeros_like(rows, dtype=torch.bool), torch.full_like(rows, NEVER)
     standing[len(through) : len(through) + len(begun)] = True
@@ -175,9 +171,9 @@ def record(
     journey = plan(shadow, config, seed=seed)
     frames, lost, rewards = _follow(shadow, journey, policy)
     source = torch.searchsorted(shadow.states.first, journey.rows, right=True) - 1
-    pieces = []
+    pieces, limits = [], shadow.env.spec.tracking
     for world, steps in enumerate(journey.steps.tolist()):
-        clip, resting = clips[int(source[world])], _resting(frames, world)
+        clip, resting = clips[int(source[world])], _resting(frames, world, limits)
         for whole in pieces_of(lost[world, :steps], bool(journey.standing[world]), config):
             for start, stop in without_rest(resting, whole, config):
                 series = {name: values[world, start:stop] for name, values in frames.items()}
@@ -267,11 +263,11 @@ def without_rest(
         yield start, stop
 
 
-def _resting(frames: dict[str, np.ndarray], world: int) -> np.ndarray:
+def _resting(frames: dict[str, np.ndarray], world: int, limits: TrackingTolerances) -> np.ndarray:
     """(T,) bool, where a recorded robot hardly moves."""
     planar = np.linalg.norm(frames["root_lin_vel_b"][world, :, :2], axis=1)
     joints = np.abs(frames["joint_vel"][world]).mean(axis=1)
-    return (planar < 0.25 * MOVING) & (joints < RESTING)
+    return (planar < limits.resting_speed) & (joints < limits.resting_joint_speed)
 
 
 def _snapshot(shadow: Shadow) -> dict[str, torch.Tensor]:

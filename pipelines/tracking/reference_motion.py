@@ -16,10 +16,6 @@ from lacoloco.robots.spec import RobotSpec
 
 AHEAD = (1, 3, 8)
 """Control steps into the future that the tracker sees: 0.02, 0.06 and 0.16 s."""
-LOST_JOINTS, LOST_HEIGHT, LOST_TILT = 0.5, 0.08, 0.6
-"""Beyond an rms joint error of so many rad, so many metres of height, or so long a difference of
-the unit vectors of gravity, the robot does something else than the clip.
-"""
 TERMS = {
     "base_height": (0.1, 400.0),
     "projected_gravity": (0.1, 20.0),
@@ -50,6 +46,7 @@ class References:
         self.frames = style_frame(state)
         self.speed = state.lin_vel_b[:, :2].norm(dim=-1)
         """(M,) planar speed [m/s]."""
+        self._tolerances = spec.tracking
         self._terms = style_terms(self.actions.shape[1])
 
     @property
@@ -81,9 +78,9 @@ class References:
             weight * torch.exp(-sharpness * squared[name])
             for name, (weight, sharpness) in TERMS.items()
         )
-        joints = squared["joint_pos"] / state.joint_pos.shape[1] > LOST_JOINTS**2
+        joints = squared["joint_pos"] / state.joint_pos.shape[1] > self._tolerances.joint_error**2
         tall, tilted = (
-            squared["base_height"] > LOST_HEIGHT**2,
-            squared["projected_gravity"] > LOST_TILT**2,
+            squared["base_height"] > self._tolerances.height_error**2,
+            squared["projected_gravity"] > self._tolerances.tilt_error**2,
         )
         return reward, joints | tall | tilted

@@ -45,7 +45,7 @@ class TrackerConfig:
         samples: control steps in all.
         episode_s: seconds until a world begins at another moment.
         standing: share of the episodes that begin standing still in the default pose, at a moment
-            slower than ``standing_speed`` [m/s]: clips rarely show how one begins.
+            slower than the robot's ``slow_speed``: clips rarely show how one begins.
         stopping: share of the other episodes in which the robot is to stand still from some moment
             on: clips rarely show how one stops, and never where a target is.
         stop_after_s: between which two ages of the episode that moment is.
@@ -61,7 +61,6 @@ class TrackerConfig:
     samples: int = 3_000_000
     episode_s: float = 4.0
     standing: float = 0.2
-    standing_speed: float = 0.8
     stopping: float = 0.2
     stop_after_s: tuple[float, float] = (0.3, 2.5)
     grace_s: float = 0.6
@@ -107,7 +106,7 @@ class Shadow:
         self.rows = torch.zeros(worlds, dtype=torch.long, device=device)
         self.grace = torch.zeros_like(self.rows)
         self.stop_at = torch.full_like(self.rows, NEVER)
-        slow = references.speed < config.standing_speed
+        slow = references.speed < spec.tracking.slow_speed
         self._slow = torch.nonzero(slow if bool(slow.any()) else ~slow).flatten()
 
     def observe(self) -> TensorDict:

@@ -21,7 +21,7 @@ from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
-from lacoloco.pipelines.sim.tasks import reach_task
+from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.registry import load_robot
 
@@ -266,7 +266,7 @@ def test_a_controller_built_from_the_files_alone_acts_as_the_simulated_robot(cha
     high, low = Controller(folder / "high.onnx"), Controller(folder / "low.onnx")
     _, policies = load_policies(chain.high.artifact, "low", "high")
     spec = load_robot("solo12")
-    task = replace(reach_task(spec), noise=0.0, randomisation=NO_RANDOMISATION)
+    task = replace(load_task(spec, "reach"), noise=0.0, randomisation=NO_RANDOMISATION)
     base = LeggedEnv(spec, task, 1, seed=0)
     env = LatentSteeredEnv(base, policies["low"], 7)
     state, last_latent, last_action = {}, np.zeros(7), np.zeros(12)

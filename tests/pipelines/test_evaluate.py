@@ -12,6 +12,7 @@ from lacoloco.pipelines import evaluate
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import Episodes
 from lacoloco.pipelines.stage import StageContext
+from lacoloco.robots.registry import load_robot
 
 ERRORS = {  # (seed of the policy, seed of the episodes) -> error
     (0, evaluate.TEST_SEED): 0.10,
@@ -45,6 +46,7 @@ def two_seeds(monkeypatch, tmp_path):
             np.zeros(episodes, dtype=bool),
             np.zeros((episodes, 4)),
             np.full(episodes, 2000.0),
+            load_robot("solo12").skills,
             {
                 "friction": np.linspace(0.4, 1.5, episodes),
                 "target_distance_m": np.full(episodes, 1.5),
@@ -113,7 +115,7 @@ def test_ranges_of_one_s_own_take_the_place_of_the_task_s(context, two_seeds, mo
     evaluate.run(
         evaluate.EvalConfig(4, 2, 4, friction=(1.45, 1.45)), context, policies=two_seeds[0][:1]
     )
-    usual = evaluate.reach_task(solo12).randomisation
+    usual = evaluate.load_task(solo12, "reach").randomisation
     assert asked == [replace(usual, friction=(1.45, 1.45))] * 2
 
 

@@ -80,7 +80,7 @@ def test_a_step_leads_to_the_next_moment_and_a_clip_ends(shadow):
 
 
 def test_who_begins_standing_may_take_its_time(solo12, library):
-    config = TrackerConfig(worlds=16, standing=1.0, standing_speed=10.0, grace_s=0.04)
+    config = TrackerConfig(worlds=16, standing=1.0, grace_s=0.04)
     shadow = Shadow(solo12, library, References(solo12, library), config, 16, seed=0, device="cpu")
     shadow.begin(torch.ones(16, dtype=torch.bool))
     assert float(shadow.env.state.joint_vel.abs().max()) == 0.0
@@ -190,7 +190,7 @@ def test_stops_are_planned_before_their_clips_end(shadow):
     assert (journey.stop_at[:2] == NEVER).all() and not journey.standing.any()
     assert (stop_at >= 1).all() and (rows + stop_at < shadow.states.last[rows]).all()
     assert (journey.steps[2:] == stop_at + 20).all()
-    assert (shadow.references.speed[rows] > performances.MOVING).all()
+    assert (shadow.references.speed[rows] > shadow.env.spec.tracking.moving_speed).all()
 
 
 def test_the_repertoire_is_the_clips_at_every_pace_and_standing(solo12, make_clips):

@@ -11,7 +11,10 @@ from lacoloco.pipelines.evaluation.episodes import Episodes, play_episodes
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.hierarchical_env import Decision
-from lacoloco.pipelines.sim.tasks import reach_task
+from lacoloco.pipelines.sim.tasks import load_task
+from lacoloco.robots.registry import load_robot
+
+THRESHOLDS = load_robot("solo12").skills
 
 
 @pytest.fixture
@@ -31,7 +34,7 @@ def policies():
 def short(monkeypatch):
     """Episodes of four decisions."""
     monkeypatch.setattr(
-        episodes, "reach_task", lambda spec: replace(reach_task(spec), episode_s=0.4)
+        episodes, "load_task", lambda spec, name: replace(load_task(spec, name), episode_s=0.4)
     )
 
 
@@ -41,6 +44,7 @@ def test_figures_by_hand():
         fell=np.array([True, True, False, False]),
         above_limit=np.array([[3.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]),
         substeps=np.array([20.0, 80.0, 50.0, 50.0]),
+        thresholds=THRESHOLDS,
     )
     figures = played.figures()
     assert figures == pytest.approx(
@@ -64,6 +68,7 @@ def test_who_missed_and_never_came_nearer():
         fell=np.array([False, True, False, False]),
         above_limit=np.zeros((4, 2)),
         substeps=np.ones(4),
+        thresholds=THRESHOLDS,
         conditions={"target_distance_m": np.array([0.3, 1.5, 1.6, 1.5])},
     )
     assert played.missed.tolist() == [False, False, True, True]
@@ -133,11 +138,11 @@ def test_evaluation_is_without_noise_and_with_the_motors_as_they_are(
     play_episodes(solo12, policies, 2, worlds=2, seed=0)
     assert seen[0].noise == 0.0
     assert seen[0].training_limits is False
-    assert seen[0].randomisation == reach_task(solo12).randomisation, "pushes included"
+    assert seen[0].randomisation == load_task(solo12, "reach").randomisation, "pushes included"
 
 
 def test_robots_and_floors_of_one_s_own(solo12, policies, short):
-    usual = reach_task(solo12).randomisation
+    usual = load_task(solo12, "reach").randomisation
     heavy = replace(usual, friction=(1.45, 1.45), mass_scale=(1.2, 1.2))
     played = play_episodes(solo12, policies, 3, worlds=3, seed=0, randomisation=heavy)
     assert played.conditions["friction"].tolist() == pytest.approx([1.45] * 3)

@@ -8,7 +8,7 @@ import torch
 
 from lacoloco.pipelines.evaluation.failure_analysis import conditions, crowds, describe
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.tasks import reach_task
+from lacoloco.pipelines.sim.tasks import load_task
 
 EPISODES = 400
 FRICTION = np.linspace(0.4, 1.6, EPISODES + 1)[:-1]
@@ -45,7 +45,7 @@ def test_few_failures_or_a_condition_that_never_differs_say_nothing():
 
 
 def test_what_differs_between_worlds(solo12):
-    env = LeggedEnv(solo12, replace(reach_task(solo12), noise=0.0), 3, seed=0)
+    env = LeggedEnv(solo12, replace(load_task(solo12, "reach"), noise=0.0), 3, seed=0)
     env.state.root_pos[:, :2] = torch.tensor([[1.0, 2.0]])
     half = 0.5**0.5
     env.state.root_quat[:] = torch.tensor([half, 0.0, 0.0, half])  # looks along +y

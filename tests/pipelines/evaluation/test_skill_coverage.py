@@ -10,6 +10,9 @@ from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.train_low import smoke
+from lacoloco.robots.numbers import SkillThresholds
+
+THRESHOLDS = SkillThresholds(walk_speed=0.15, reach_height=0.15, not_reached=0.3, no_progress=0.4)
 
 
 @pytest.fixture
@@ -33,6 +36,7 @@ def test_behaviours_are_counted_once_each_and_a_fall_first():
         lift=torch.tensor([0.0, 0.0, 0.2, 0.2, 0.2]),
         frame=torch.zeros(5, 34),
         fell=torch.tensor([False, False, False, True, False]),
+        thresholds=THRESHOLDS,
     ).shares()
     assert figures == pytest.approx({"walk": 0.2, "reach": 0.4, "fall": 0.2, "stand": 0.2})
 
@@ -40,12 +44,12 @@ def test_behaviours_are_counted_once_each_and_a_fall_first():
 def test_quantiles_by_hand():
     """Of those that do not fall: one that tumbles at 9 m/s says nothing about walking."""
     speed = torch.cat((torch.linspace(0.0, 1.0, 11), torch.tensor([9.0])))
-    figures = Behaviour(speed, -speed, torch.zeros(12, 34), speed > 2.0).distribution()
+    figures = Behaviour(speed, -speed, torch.zeros(12, 34), speed > 2.0, THRESHOLDS).distribution()
     assert figures["speed"] == pytest.approx(0.5)
     quantiles = [figures[f"speed_{name}"] for name in ("p10", "p50", "p90")]
     assert quantiles == pytest.approx([0.1, 0.5, 0.9])
     assert figures["lift_p10"] == pytest.approx(-0.9)
-    none = Behaviour(speed, -speed, torch.zeros(12, 34), speed > -1.0).distribution()
+    none = Behaviour(speed, -speed, torch.zeros(12, 34), speed > -1.0, THRESHOLDS).distribution()
     assert set(none.values()) == {0.0}
 
 

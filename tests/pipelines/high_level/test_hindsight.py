@@ -14,9 +14,11 @@ from lacoloco.pipelines.high_level.hindsight import (
 )
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.sim.commands import TargetCommand
+from lacoloco.robots.numbers import HindsightDistances
 
+DISTANCES = HindsightDistances(stride=0.15, farthest=2.0)
 COMMAND = TargetCommand(radius=1.5, z=(0.16, 0.42))
-CONFIG = HindsightConfig(farthest=2.0, steps=300, batch=256)
+CONFIG = HindsightConfig(steps=300, batch=256)
 
 
 def draw(seed=0):
@@ -58,7 +60,7 @@ def test_a_latent_ends_with_its_hold_or_its_episode():
 
 def test_where_the_foot_was_lifted_to_is_the_target():
     """Straight up by 6 cm a decision: too low to be a target at first, and no step."""
-    target, rows, weight = relabel(memory((0.0, 0.0, 0.06)), COMMAND, CONFIG, 2000, draw())
+    target, rows, weight = relabel(memory((0.0, 0.0, 0.06)), COMMAND, DISTANCES, 2000, draw())
     assert torch.allclose(target[:, :2], torch.zeros(2000, 2), atol=1e-5), "base frame"
     height = (target[:, 2] / 0.06).round()
     assert torch.allclose(target[:, 2], 0.06 * height, atol=1e-5)
@@ -68,7 +70,7 @@ def test_where_the_foot_was_lifted_to_is_the_target():
 
 
 def test_a_latent_that_walks_serves_all_targets_in_its_direction():
-    target, rows, weight = relabel(memory((0.2, 0.1, 0.0)), COMMAND, CONFIG, 4000, draw())
+    target, rows, weight = relabel(memory((0.2, 0.1, 0.0)), COMMAND, DISTANCES, 4000, draw())
     start = 0.2 * (rows // 64)[:, None] * torch.tensor([1.0, 0.5])
     away = target[:, :2] - start
     distance = away.norm(dim=-1)
@@ -82,12 +84,12 @@ def test_a_latent_that_walks_serves_all_targets_in_its_direction():
 
 
 def test_what_leads_nowhere_serves_nothing():
-    assert not relabel(memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), CONFIG, 100, draw())[
-        2
-    ].any()
+    assert not relabel(
+        memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), DISTANCES, 100, draw()
+    )[2].any()
     ended = memory((0.2, 0.0, 0.0))
     ended = Memory(**{**vars(ended), "until": torch.arange(6)[:, None].expand(6, 64)})
-    assert not relabel(ended, COMMAND, CONFIG, 100, draw())[2].any(), (
+    assert not relabel(ended, COMMAND, DISTANCES, 100, draw())[2].any(), (
         "no later decision under the same latent"
     )
 
@@ -113,4 +115,4 @@ def test_a_policy_learns_which_latent_leads_where():
     torch.manual_seed(0)
     actor = make_actor({"policy": 44}, 7, NetworkConfig(actor=(64, 64)))
     columns = {"target": slice(34, 37), "last_latent": slice(37, 44)}
-    assert clone_hindsight(actor, moving, COMMAND, columns, CONFIG, draw()) > 0.95
+    assert clone_hindsight(actor, moving, COMMAND, columns, DISTANCES, CONFIG, draw()) > 0.95

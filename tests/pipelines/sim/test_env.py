@@ -9,7 +9,6 @@ import mujoco
 import pytest
 import torch
 
-from lacoloco.pipelines.sim import env as env_module
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import (
@@ -18,14 +17,9 @@ from lacoloco.pipelines.sim.randomisation import (
     draw_parameters,
     widened,
 )
+from lacoloco.pipelines.sim.rewards import REWARDS, Registered, RewardTerm
 from lacoloco.pipelines.sim.state import layout, noise_scale, style_frame
-from lacoloco.pipelines.sim.tasks import (
-    TASKS,
-    imitate_task,
-    reach_in_place_task,
-    reach_task,
-    walk_task,
-)
+from lacoloco.pipelines.sim.tasks import imitate_task, load_task
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.scene import compile_scene
 
@@ -33,7 +27,7 @@ WORLDS = 4
 
 
 def task_of(name, spec):
-    return TASKS[name](spec, constrained=True) if name == "imitate" else TASKS[name](spec)
+    return load_task(spec, name)
 
 
 @pytest.fixture
@@ -60,7 +54,7 @@ def throw_on_its_back(env, world):
     env.physics.reset(torch.tensor([world]), qpos, qvel)
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", load_robot("solo12").tasks)
 def test_both_robots_live_in_every_task(robot, name, make_motions):
     task = task_of(name, robot)
     env = LeggedEnv(robot, task, WORLDS, seed=1, motions=make_motions(robot))
@@ -91,7 +85,7 @@ def test_widths_of_the_observations(solo12, h1, name, widths):
 
 
 def test_slices_hold_what_their_names_say(make_env, solo12):
-    env = make_env(reach_task(solo12), noise=0.0)
+    env = make_env(load_task(solo12, "reach"), noise=0.0)
     action = torch.randn(WORLDS, 12, generator=torch.Generator().manual_seed(3))
     env.step(action)
     seen, state = env.observe(), env.state
@@ -123,7 +117,7 @@ def test_noise_stays_within_its_range_and_fills_it(make_env):
 
 
 def test_actions_are_offsets_from_the_default_pose(make_env, solo12, monkeypatch):
-    env, targets = make_env(walk_task(solo12)), []
+    env, targets = make_env(load_task(solo12, "walk")), []
     step = env.physics.step
     monkeypatch.setattr(env.physics, "step", lambda value: (targets.append(value), step(value)))
     action = torch.linspace(-1, 1, 12).repeat(WORLDS, 1)
@@ -210,7 +204,7 @@ def test_tipping_over_is_a_fall_where_the_task_says_so(make_env, limit, expected
 
 
 def test_reset_touches_only_the_worlds_of_its_mask(make_env, solo12):
-    env = make_env(reach_task(solo12))
+    env = make_env(load_task(solo12, "reach"))
     env.step(torch.ones(WORLDS, 12))
     env.feet.air_time += 1.0
     before = {name: getattr(env, name).clone() for name in ("steps", "action", "command")}
@@ -268,7 +262,7 @@ def test_without_default_starts_nothing_breaks(make_env, motions, solo12):
 def test_pushes_add_to_the_velocity_after_the_step_was_judged(make_env, solo12):
     pushes = Randomisation(push=0.3, push_interval_s=(0.1, 0.1))
     calm = replace(pushes, push=0.0)
-    task = replace(reach_task(solo12), constraints=walk_task(solo12).constraints)
+    task = replace(load_task(solo12, "reach"), constraints=load_task(solo12, "walk").constraints)
     pushed, still = (make_env(task, worlds=16, randomisation=r) for r in (pushes, calm))
     for _ in range(4):
         idle(pushed)
@@ -287,7 +281,7 @@ def test_pushes_add_to_the_velocity_after_the_step_was_judged(make_env, solo12):
 
 
 def test_the_target_of_the_reach_task_stays_for_the_whole_episode(make_env, solo12):
-    env = make_env(reach_task(solo12), episode_s=0.4)
+    env = make_env(load_task(solo12, "reach"), episode_s=0.4)
     target = env.command.clone()
     for _ in range(20):
         idle(env)
@@ -295,7 +289,7 @@ def test_the_target_of_the_reach_task_stays_for_the_whole_episode(make_env, solo
 
 
 def test_commands_change_when_they_are_due(make_env, solo12):
-    env = make_env(reach_in_place_task(solo12), resample_s=(0.1, 0.1))
+    env = make_env(load_task(solo12, "reach_in_place"), resample_s=(0.1, 0.1))
     seen = [env.command.clone()]
     for _ in range(11):
         idle(env)
@@ -306,12 +300,10 @@ def test_commands_change_when_they_are_due(make_env, solo12):
 
 def test_rewards_are_weighted_and_paid_per_second(make_env, monkeypatch):
     """Bug B16: clipped at zero, a penalty is only ever worth what else was earned."""
-    constant = {
-        "two": lambda env: torch.full((WORLDS,), 2.0),
-        "one": lambda env: torch.ones(WORLDS),
-    }
-    monkeypatch.setattr(env_module, "REWARDS", constant)
-    rewards = (("two", 1.5), ("one", -5.0))
+    for name, value in (("two", 2.0), ("one", 1.0)):
+        constant = Registered(lambda env, value=value: torch.full((WORLDS,), value))
+        monkeypatch.setitem(REWARDS, name, constant)
+    rewards = (RewardTerm("two", 1.5), RewardTerm("one", -5.0))
     assert torch.allclose(idle(make_env(rewards=rewards)).reward, torch.tensor(-2.0 * CONTROL_DT))
     clipped = make_env(rewards=rewards, clip_reward=True)
     assert idle(clipped).reward.tolist() == [0.0] * WORLDS
@@ -319,7 +311,7 @@ def test_rewards_are_weighted_and_paid_per_second(make_env, monkeypatch):
 
 def test_a_diverged_world_is_a_fall_that_means_nothing(make_env, solo12, in_a_temporary_folder):
     """Neither its rewards nor its margins: constraints keep running maxima over all worlds."""
-    task = replace(walk_task(solo12), randomisation=NO_RANDOMISATION)
+    task = replace(load_task(solo12, "walk"), randomisation=NO_RANDOMISATION)
     env, healthy = make_env(task), make_env(task)
     qvel = env.physics.qvel[[1]].clone()
     qvel[0, 8] = 1e9
@@ -387,7 +379,7 @@ def test_a_widened_randomisation_spreads_further_around_the_same_middle(factor):
 
 
 def test_state_dict_goes_on_bit_for_bit(make_env, solo12, motions):
-    task = replace(reach_in_place_task(solo12), resample_s=(0.04, 0.1), episode_s=0.2)
+    task = replace(load_task(solo12, "reach_in_place"), resample_s=(0.04, 0.1), episode_s=0.2)
     task = replace(task, randomisation=Randomisation(push_interval_s=(0.04, 0.1)))
     task = replace(task, reset=replace(task.reset, clip_share=0.5))
 
@@ -460,7 +452,7 @@ def test_b7_spread_joint_angles_start_with_the_feet_on_the_ground_not_in_it(robo
     floor.
     """
     spec = load_robot(robot)
-    task = replace(walk_task(spec), noise=0.0, randomisation=NO_RANDOMISATION)
+    task = replace(load_task(spec, "walk"), noise=0.0, randomisation=NO_RANDOMISATION)
     env = LeggedEnv(spec, task, 16, seed=0)
     model = compile_scene(spec)
     data = mujoco.MjData(model)

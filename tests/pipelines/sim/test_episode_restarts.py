@@ -9,7 +9,7 @@ import torch
 
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.episode_restarts import DEPTH, PERIOD, Retries
-from lacoloco.pipelines.sim.tasks import imitate_task, reach_task
+from lacoloco.pipelines.sim.tasks import imitate_task, load_task
 
 WORLDS = 3
 BACK = PERIOD * DEPTH
@@ -108,7 +108,7 @@ def test_a_new_episode_ends_the_retries(env):
 
 
 def test_a_target_comes_back_with_its_world(solo12):
-    env = LeggedEnv(solo12, reach_task(solo12), WORLDS, seed=0)
+    env = LeggedEnv(solo12, load_task(solo12, "reach"), WORLDS, seed=0)
     retries, fell = Retries(env, 7, 1.0, seed=0, hold=5), torch.tensor([False, True, False])
     target, states = env.command.clone(), []
     for _ in range(12):
@@ -126,7 +126,7 @@ def test_a_target_comes_back_with_its_world(solo12):
 
 @pytest.fixture
 def reaching(solo12):
-    return LeggedEnv(solo12, reach_task(solo12), WORLDS, seed=0)
+    return LeggedEnv(solo12, load_task(solo12, "reach"), WORLDS, seed=0)
 
 
 def miss(env, retries, missed):

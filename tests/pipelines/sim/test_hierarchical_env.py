@@ -9,7 +9,8 @@ import torch
 from lacoloco.pipelines.sim.env import LeggedEnv, Step
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.state import layout
-from lacoloco.pipelines.sim.tasks import reach_task
+from lacoloco.pipelines.sim.tasks import load_task
+from lacoloco.robots.numbers import ObservationNoise
 
 LIMIT = 25.0
 
@@ -19,8 +20,11 @@ class ScriptedEnv:
 
     def __init__(self, falls=(), time_outs=()):
         self.num_worlds, self.num_actions, self.device = 2, 12, torch.device("cpu")
-        self.task = SimpleNamespace(joint_pos_noise=0.05)
-        self.spec = SimpleNamespace(foot_force_limit=lambda: LIMIT, feet=("a", "b"))
+        self.task = SimpleNamespace(command=None, has_target=True)
+        noise = ObservationNoise()
+        self.spec = SimpleNamespace(
+            foot_force_limit=lambda: LIMIT, feet=("a", "b"), observation_noise=noise
+        )
         self.physics = SimpleNamespace(foot_force=torch.zeros(2, 4, 2))
         self.falls, self.time_outs, self.count, self.resets = falls, time_outs, 0, []
 
@@ -117,7 +121,7 @@ def test_every_control_step_can_be_watched():
 
 
 def test_observation_is_the_frame_the_target_and_the_latent(robot):
-    task = replace(reach_task(robot), noise=0.0)
+    task = replace(load_task(robot, "reach"), noise=0.0)
     env = steered(LeggedEnv(robot, task, 3, seed=0))
     joints = robot.num_joints
     seen = env.observe()

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from lacoloco.pipelines.sim.rewards import REWARDS
-from lacoloco.pipelines.sim.tasks import TASKS
+from lacoloco.pipelines.sim.rewards import RewardTerm, parameters_of
 
 
 @pytest.fixture
@@ -32,48 +31,43 @@ def env():
 
 
 @pytest.mark.parametrize(
-    ("name", "expected"),
+    ("name", "parameters", "expected"),
     [
         # velocity error (0.3, -0.4): squared 0.25; yaw rate error 0.5
-        ("track_planar_velocity", math.exp(-1.0)),
-        ("track_yaw_rate", math.exp(-1.0)),
-        ("reach", math.exp(-1.0)),
-        ("joint_speed", 25.0),
-        ("joint_torque", 5.0),
-        ("action_change", 2.0),
-        ("joint_acceleration", 100.0),
-        ("tilt", 0.36),
-        ("vertical_motion", 0.04 + 0.05 * 5.0),
-        ("posture", 0.09),
+        ("track_planar_velocity", {"variance": 0.25}, math.exp(-1.0)),
+        ("track_yaw_rate", {"variance": 0.25}, math.exp(-1.0)),
+        ("reach", {"sharpness": 10.0}, math.exp(-1.0)),
+        ("joint_speed", {}, 25.0),
+        ("joint_torque", {}, 5.0),
+        ("action_change", {}, 2.0),
+        ("joint_acceleration", {}, 100.0),
+        ("tilt", {}, 0.36),
+        ("vertical_motion", {}, 0.04 + 0.05 * 5.0),
+        ("posture", {}, 0.09),
     ],
 )
-def test_values_by_hand(env, name, expected):
-    assert float(REWARDS[name](env)) == pytest.approx(expected, rel=1e-3)
+def test_values_by_hand(env, name, parameters, expected):
+    term = RewardTerm(name, 1.0, tuple(parameters.items()))
+    assert float(term(env)) == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize(
     "name",
     [
         "track_planar_velocity",
-        "track_planar_velocity_closely",
         "track_yaw_rate",
         "reach",
         "approach",
     ],
 )
 def test_kernels_pay_one_for_no_error_and_less_for_more(env, name):
+    term = RewardTerm(name, 1.0, tuple((key, 0.25) for key in parameters_of(name)))
     values = []
     for error in (0.0, 0.05, 0.1, 0.4):
         env.state.lin_vel_b = env.command + error
         env.state.ang_vel_b = env.command + error
         env.target_error = lambda error=error: torch.tensor([error])
-        values.append(float(REWARDS[name](env)))
+        values.append(float(term(env)))
     assert values[0] == pytest.approx(1.0, abs=1e-6)
     assert values == sorted(values, reverse=True)
     assert len(set(values)) == 4
-
-
-def test_tasks_name_only_rewards_that_exist(robot):
-    for name, make in TASKS.items():
-        task = make(robot, constrained=True) if name == "imitate" else make(robot)
-        assert {reward for reward, _ in task.rewards} <= set(REWARDS)

@@ -16,6 +16,7 @@ from lacoloco.pipelines.sim.state import (
     style_terms,
     width,
 )
+from lacoloco.robots.registry import load_robot
 
 HALF = math.sqrt(0.5)
 
@@ -48,7 +49,7 @@ def test_slices_of_a_layout_are_contiguous_and_in_the_order_of_the_design():
 
 
 def test_noise_follows_the_terms():
-    scale = noise_scale(policy_terms(2))
+    scale = noise_scale(policy_terms(2, load_robot("solo12").observation_noise))
     expected = [0.005] + [0.05] * 3 + [0.1] * 3 + [0.2] * 3 + [0.05] * 2 + [1.5] * 2 + [0.0] * 2
     assert torch.allclose(scale, torch.tensor(expected))
 

@@ -19,7 +19,7 @@ from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import PhysicsRequest, WorldParameters
-from lacoloco.pipelines.sim.tasks import walk_task
+from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.robots.scene import compile_scene
 
 pytest.importorskip("mujoco_warp", reason="needs MuJoCo Warp: pip install 'lacoloco[gpu]'")
@@ -247,7 +247,7 @@ def returns(spec, physics, policy, steps=75):
     """(N,) returns of the walking task; the same seed gives the same starts, commands and
     worlds.
     """
-    task = replace(clean(walk_task(spec)), episode_s=60.0)
+    task = replace(clean(load_task(spec, "walk")), episode_s=60.0)
     env = LeggedEnv(spec, task, physics.num_worlds, seed=5, physics=physics)
     total = torch.zeros(physics.num_worlds)
     alive = torch.ones(physics.num_worlds, dtype=torch.bool)

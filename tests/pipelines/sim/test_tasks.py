@@ -1,0 +1,107 @@
+"""Tasks are data: every mistake in a table is one line that names file and key."""
+
+import re
+
+import pytest
+import torch
+
+from lacoloco.pipelines.sim.commands import HeadingCommand, TargetCommand, VelocityCommand
+from lacoloco.pipelines.sim.constraints import CONSTRAINTS
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.rewards import REWARDS
+from lacoloco.pipelines.sim.tasks import imitate_task, load_task, load_task_file
+from lacoloco.robots.errors import RobotError
+
+HEADING = """
+episode_s = 4.0
+command = { type = "heading", most = 2.0 }
+rewards = [
+  { name = "track_heading", weight = 1.0, variance = 0.25 },
+  { name = "tilt", weight = -0.1 },
+]
+constraints = [{ name = "foot_force", max_p = 0.1 }]
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="turn.toml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_every_robot_brings_the_papers_tasks(robot):
+    kinds = {"walk": VelocityCommand, "reach_in_place": TargetCommand, "reach": TargetCommand}
+    for name, kind in kinds.items():
+        task = load_task(robot, name)
+        assert isinstance(task.command, kind)
+        assert {term.name for term in task.rewards} <= set(REWARDS)
+        assert {constraint.name for constraint in task.constraints} <= set(CONSTRAINTS)
+    assert load_task(robot, "imitate").command is None
+    assert imitate_task(robot, constrained=False).constraints == ()
+
+
+def test_forces_are_limited_by_the_robots_weight_where_no_limit_is_said(solo12):
+    (constraint,) = imitate_task(solo12, constrained=True).constraints
+    assert constraint.limit == solo12.foot_force_limit()
+
+
+def test_a_task_of_ones_own_runs_without_touching_the_package(solo12, write):
+    task = load_task_file(solo12, write(HEADING))
+    assert (task.name, task.episode_s, task.command) == ("turn", 4.0, HeadingCommand(2.0))
+    env = LeggedEnv(solo12, task, 4, seed=0)
+    assert env.terms[-1].name == "heading_command"
+    step = env.step(torch.zeros(4, 12))
+    assert step.reward.shape == (4,)
+    assert set(step.violations) == {"foot_force"}
+
+
+def test_an_asked_heading_is_seen_from_the_base_and_pays_when_it_is_held(solo12, write):
+    env = LeggedEnv(solo12, load_task_file(solo12, write(HEADING)), 2, seed=0)
+    ahead = env.state.root_quat.new_tensor([[1.0, 0.0, 0.0]]).repeat(2, 1)
+    seen = env.task.command.observe(env.command, env.state)
+    assert torch.allclose(seen.norm(dim=-1), torch.ones(2), atol=1e-5)
+    env.command = ahead
+    env.state.root_quat = env.state.root_quat.new_tensor([[1.0, 0, 0, 0], [0.0, 0, 0, 1.0]])
+    term = env.task.rewards[0]
+    assert term(env).tolist() == pytest.approx([1.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"track_heading", weight', '"track_headin", weight', "rewards[0].name: 'track_headin'"),
+        ("weight = 1.0, variance", "variance", "rewards[0].weight: missing; expected a number"),
+        (", variance = 0.25", "", "rewards[0].variance: missing; expected a number"),
+        ("variance = 0.25", "varience = 0.25", "rewards[0].varience: unknown key; did you mean"),
+        ("weight = -0.1", 'weight = "a"', "rewards[1].weight: expected a number, found 'a'"),
+        ('"tilt"', '"reach", sharpness = 1.0', "rewards[1].name: 'reach' needs a command of type"),
+        ('type = "heading"', 'type = "hedding"', "command.type: expected one of velocity, target"),
+        ("most = 2.0", "most = -2.0", "command.most: expected a number above 0, found -2.0"),
+        ('"foot_force"', '"foot_fors"', "constraints[0].name: 'foot_fors' is no constraint; did"),
+        ('"foot_force"', '"torque"', "constraints[0].limit: missing; expected a number"),
+        ("max_p = 0.1", "max_p = 2", "constraints[0].max_p: expected a number between 0 and 1"),
+        ("episode_s = 4.0", "episode = 4.0", "episode: unknown key; did you mean 'episode_s'?"),
+        ("episode_s = 4.0", 'action_scale = "run"', "action_scale: expected one of low, walk"),
+        ("episode_s = 4.0", "reset = { joint_scale = [2, 1] }", "reset.joint_scale: expected two"),
+        ("episode_s = 4.0", "randomisation = { push = -1 }", "randomisation.push: expected a nu"),
+        ("episode_s = 4.0", "episode_s = inf", "episode_s: expected a finite number, found inf"),
+        ("rewards = [", "rewards = [3,", "rewards[0]: expected a table, found 3"),
+    ],
+)
+def test_every_mistake_names_the_file_and_the_key(solo12, write, old, new, words):
+    assert old in HEADING
+    path = write(HEADING.replace(old, new, 1))
+    with pytest.raises(RobotError, match=re.escape(f"{path}: {words}")) as caught:
+        load_task_file(solo12, path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_task_that_the_robot_has_not_is_named(solo12, tmp_path):
+    with pytest.raises(RobotError, match="has no task 'jump'; choose one of walk"):
+        load_task(solo12, "jump")
+    with pytest.raises(RobotError, match=r"gone\.toml: cannot be read"):
+        load_task_file(solo12, tmp_path / "gone.toml")
