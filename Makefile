@@ -3,24 +3,36 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 ROOMS  := pipelines robots datasets
+# Two processes: each test keeps to one thread, and the slow ones need a minute each.
+TESTS  ?= -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint types build clean
+.PHONY: help demo check test test-fast format format-check lint types build clean
 
 help:
 	@echo "make demo       the whole chain on two cores, ends with a table of what came out"
+	@echo "make check      format, lint, types and the fast tests: before every commit"
 	@echo "make test       all tests              make test-fast  without the slow ones"
-	@echo "make lint       ruff                   make types      mypy"
-	@echo "make build      wheel and sdist        make clean      remove what was built"
+	@echo "make format     ruff format            make lint       ruff check"
+	@echo "make types      mypy                   make build      wheel and sdist"
+	@echo "make clean      remove what was built  TESTS='-k ase'  other options of pytest"
 
 demo: $(VENV)/.installed
 	$(BIN)/lacoloco run quickstart
 
+check: format-check lint types test-fast
+
 test: $(VENV)/.dev
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest $(TESTS)
 
 test-fast: $(VENV)/.dev
-	@$(BIN)/python -m pytest -m "not slow"
+	@$(BIN)/python -m pytest $(TESTS) -m "not slow"
+
+format: $(VENV)/.dev
+	$(BIN)/ruff format .
+
+format-check: $(VENV)/.dev
+	$(BIN)/ruff format --check .
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
