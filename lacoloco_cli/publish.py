@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -31,7 +31,7 @@ def publish_artifact(
         session.run = source
         artifact = best(session)
     published = publish(artifact, name)
-    payload = {
+    payload: dict[str, Any] = {
         "published": path_text(published),
         "name": name,
         "source": path_text(artifact),

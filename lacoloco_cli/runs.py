@@ -109,7 +109,8 @@ def _rows(store: RunStore, run: str) -> list[dict[str, Any]]:
     rows = []
     for stage in store.stages(run):
         for path in store.all(run, stage):
-            row = {"run": run, "stage": stage, "version": path.parent.name, "state": "complete"}
+            row: dict[str, Any] = {"run": run, "stage": stage, "version": path.parent.name}
+            row |= {"state": "complete"}
             row |= {"path": str(path), "bytes": path.stat().st_size, "label": ""}
             try:
                 header = read_header(path)
@@ -175,8 +176,8 @@ def _verify(path: Path) -> dict[str, Any]:
 
 
 def _describe(header: Header) -> dict[str, Any]:
-    names = ("schema", "schema_version", "robot", "robot_hash", "seed", "created", "command")
-    names += ("lacoloco_version", "git_commit", "content_hash", "config")
+    names = ["schema", "schema_version", "robot", "robot_hash", "seed", "created", "command"]
+    names += ["lacoloco_version", "git_commit", "content_hash", "config"]
     return {"path": str(header.path)} | {name: getattr(header, name) for name in names}
 
 

@@ -91,10 +91,12 @@ def bench_sim(
     env.stagger()
     engine, wait = bare_engine(env.physics), _wait_for(device)
     _loop(env, _actions(env, min(50, 2 * config.steps)))
-    loops, bare = [], []
+    loops: list[float] = []
+    bare: list[float] = []
     for index in config.turns():
         actions = _actions(env, config.steps)
         engine.load(_targets(env, actions))
+        legs: list[tuple[list[float], Callable[[], object]]]
         legs = [(loops, partial(_loop, env, actions)), (bare, engine.run)]
         for seconds, leg in legs if index % 2 else reversed(legs):
             seconds.append(_time(leg, wait))

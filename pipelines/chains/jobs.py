@@ -97,7 +97,8 @@ def run_jobs(
     Raises:
         StageError: a job is not accepted.
     """
-    waiting, running = list(jobs), {}
+    waiting = list(jobs)
+    running: dict[str, tuple[float, Any]] = {}
     shared = min(at_once, len(waiting)) if getattr(executor, "cluster", "") == "local" else 1
     try:
         while waiting or running:
