@@ -43,7 +43,17 @@ CONFIG: dict[str, dict[str, New]] = {
     "TrainLowConfig": {"fall_tilt": Removed(1.05)},
     "TrainHighConfig": {"fall_tilt": Removed(1.05), "approach": Removed(0.0)},
     "HindsightConfig": {"farthest": Removed(2.0)},
-    "TrackerConfig": {"standing_speed": Removed(0.8)},
+    "TrackerConfig": {
+        "standing_speed": Removed(0.8),
+        "standing": "standing_start_fraction",
+        "stopping": "stop_fraction",
+    },
+    "TrackConfig": {"paces": "speed_factors"},
+    "RecordingConfig": {
+        "settle_s": "transient_s",
+        "before_loss_s": "before_termination_s",
+        "shortest_s": "min_segment_s",
+    },
 }
 """Name of the config class today -> {old dotted field: new dotted field}.
 

@@ -1,5 +1,5 @@
-"""Stage track: clips -> the same motions as a robot performs them, recorded from a policy that
-follows them in simulation.
+"""Stage track: clips -> the same motions of a simulated robot, recorded from a policy that follows
+the clips.
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import save_policies
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.tracking.recorder import RecordingConfig, record, worlds
-from lacoloco.pipelines.tracking.reference_clips import repertoire
-from lacoloco.pipelines.tracking.trainer import Shadow, TrackerConfig, TrackerTrainer
+from lacoloco.pipelines.tracking.config import RecordingConfig, TrackerConfig
+from lacoloco.pipelines.tracking.env import TrackingEnv
+from lacoloco.pipelines.tracking.recorder import record
+from lacoloco.pipelines.tracking.reference_clips import reference_clips
+from lacoloco.pipelines.tracking.rollout_plan import num_rollouts
+from lacoloco.pipelines.tracking.trainer import TrackerTrainer
 from lacoloco.pipelines.training.loop import remove_checkpoints, train
 from lacoloco.robots.registry import load_robot
 
-SHOWN = ("reward", "lost_per_1000_steps", "falls_per_1000_steps", "std")
+LOG_KEYS = ("reward", "early_terminations_per_1000_steps", "falls_per_1000_steps", "std")
 
 
 @dataclass(frozen=True)
@@ -28,14 +31,14 @@ class TrackConfig:
     """The tracker's training, and what is recorded of it.
 
     Attributes:
-        tracker: the training.
-        recording: what is recorded.
-        paces: factors on the speed of the clips; each is followed at each of them.
+        tracker: The training.
+        recording: What is recorded.
+        speed_factors: Factors on the speed of the clips; every clip is followed at each of them.
     """
 
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
-    paces: tuple[float, ...] = (1.0, 0.6)
+    speed_factors: tuple[float, ...] = (1.0, 0.6)
 
 
 def laptop() -> TrackConfig:
@@ -54,7 +57,12 @@ def smoke() -> TrackConfig:
     return TrackConfig(
         tracker,
         RecordingConfig(
-            copies=1, starts=2, stops=2, settle_s=0.0, before_loss_s=0.0, shortest_s=0.1
+            copies=1,
+            starts=2,
+            stops=2,
+            transient_s=0.0,
+            before_termination_s=0.0,
+            min_segment_s=0.1,
         ),
     )
 
@@ -76,44 +84,50 @@ PRESETS: dict[str, Callable[[], TrackConfig]] = {
 
 
 def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) -> StageResult:
-    """Train a tracker on the clips of some artifacts and record it; the tracker is kept beside the
-    clips.
+    """Train a tracker on the clips of some artifacts and record it.
+
+    The tracker is kept beside the clips, as ``tracker.h5``.
 
     Raises:
-        ArtifactError: the motions are missing or damaged.
-        StageError: the tracker never followed any clip for long enough.
+        ArtifactError: The motions are missing or damaged.
+        StageError: The tracker never followed any clip for long enough.
     """
     from lacoloco.datasets.artifact import read_header
 
     spec = load_robot(read_header(motions[0]).robot)
     given = [clip for path in motions for clip in load_clips(path, robot=spec.name)]
-    clips = repertoire(spec, given, config.paces)
+    clips = reference_clips(spec, given, config.speed_factors)
     library = MotionLibrary(clips, context.device)
     directory = context.store.begin(context.run, "track", resume=context.resume)
     trainer = TrackerTrainer(
         spec, library, config.tracker, seed=context.seed, device=context.device
     )
     metrics = train(
-        trainer, trainer.iterations, directory.path, context, "track", SHOWN, config=asdict(config)
+        trainer,
+        trainer.iterations,
+        directory.path,
+        context,
+        "track",
+        LOG_KEYS,
+        config=asdict(config),
     )
     policy = trainer.policy()
-    count, references = worlds(clips, config.recording), trainer.shadow.references
-    shadow = Shadow(
+    env = TrackingEnv(
         spec,
         library,
-        references,
+        trainer.env.reference,
         config.tracker,
-        count,
+        num_rollouts(len(clips), config.recording),
         seed=context.seed + 1,
         device=context.device,
     )
-    pieces, figures = record(shadow, clips, policy, config.recording, seed=context.seed)
-    metrics |= figures
+    segments, recorded = record(env, clips, policy, config.recording, seed=context.seed)
+    metrics |= recorded
     written = {"spec": spec, "context": context, "config": asdict(config), "metrics": metrics}
     save_policies(directory.file("tracker.h5"), [policy], parents=motions, **written)
     save_clips(
         directory.file("artifact.h5"),
-        pieces,
+        segments,
         robot=(spec.name, spec.model_hash()),
         config=asdict(config),
         seed=context.seed,

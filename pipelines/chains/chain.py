@@ -270,8 +270,8 @@ HEADLINES: dict[str, Callable[[dict[str, Any]], str]] = {
     ),
     "retarget": lambda m: f"{m['frames_per_second']:.0f} frames/s",
     "track": lambda m: (
-        f"{m['pieces']} pieces, {100 * m['kept']:.0f} % of the clips; speed {m['speed']:.2f} m/s "
-        f"(clips {m['clip_speed']:.2f})"
+        f"{m['segments']} segments, {100 * m['kept']:.0f} % of the clips; "
+        f"speed {m['speed']:.2f} m/s (clips {m['clip_speed']:.2f})"
     ),
     "train-low": lambda m: (
         f"{m['samples'] / 1e6:.1f} M samples, {m['samples_per_second']:.0f}/s; speed "

@@ -46,6 +46,11 @@ class ClipStates:
     last: torch.Tensor
     targets: torch.Tensor
 
+    @property
+    def remaining(self) -> torch.Tensor:
+        """(M,) control steps from each row to the last one of its clip."""
+        return self.last - torch.arange(len(self.last), device=self.last.device)
+
     def timeline(self) -> Timeline:
         """The style frames, as the skill embedding looks at them."""
         return Timeline(style_frame(RobotState.from_generalized(self.qpos, self.qvel)), self.last)

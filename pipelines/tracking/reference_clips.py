@@ -1,4 +1,4 @@
-"""What a tracker follows: the clips, at several paces, and after them the robot standing still."""
+"""The clips that a tracker follows: all clips at several speeds, and the robot standing still."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.robots.geometry import standing_height
 from lacoloco.robots.spec import RobotSpec
 
-STILL_S = 3.0
-"""How long the robot stands in the last clip [s]."""
+STANDING_S = 3.0
+"""Length of the last clip, in which the robot stands still [s]."""
 
 
-def repertoire(spec: RobotSpec, clips: Sequence[Clip], paces: Sequence[float]) -> list[Clip]:
-    """Every clip at every pace (1 is its own), then :func:`standing`.
+def reference_clips(
+    spec: RobotSpec, clips: Sequence[Clip], speed_factors: Sequence[float]
+) -> list[Clip]:
+    """Every clip at every speed factor (1: as it is), then :func:`standing_clip`.
 
     An animal larger than the robot hardly ever walks as slowly as a robot has to before a target.
 
     Raises:
-        DatasetError: a pace is not positive.
+        DatasetError: A speed factor is not positive.
     """
-    paced = [_named(clip, pace) for pace in paces for clip in clips]
-    return [*paced, standing(spec)]
+    scaled = [_at_speed(clip, factor) for factor in speed_factors for clip in clips]
+    return [*scaled, standing_clip(spec)]
 
 
-def standing(spec: RobotSpec) -> Clip:
+def standing_clip(spec: RobotSpec) -> Clip:
     """The robot in its default pose, feet on the ground."""
-    frames, pose = (
-        round(STILL_S / CONTROL_DT) + 1,
-        np.array(spec.default_joint_pos, dtype=np.float64),
-    )
+    frames = round(STANDING_S / CONTROL_DT) + 1
+    pose = np.array(spec.default_joint_pos, dtype=np.float64)
     height = standing_height(spec.model(), pose, spec.feet)
     return Clip.from_poses(
         "standing",
@@ -45,5 +45,7 @@ def standing(spec: RobotSpec) -> Clip:
     )
 
 
-def _named(clip: Clip, pace: float) -> Clip:
-    return clip if pace == 1.0 else replace(clip.at_pace(pace), name=f"{clip.name}_pace{pace:g}")
+def _at_speed(clip: Clip, factor: float) -> Clip:
+    if factor == 1.0:
+        return clip
+    return replace(clip.at_pace(factor), name=f"{clip.name}_speed{factor:g}")

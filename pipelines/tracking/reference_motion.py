@@ -1,4 +1,4 @@
-"""What a tracker is shown of a clip, and how near the robot is to it."""
+"""The reference motion of a tracker: what it sees of a clip, and how its error is rewarded."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lacoloco.pipelines.sim.clip_actions import (
 from lacoloco.pipelines.sim.state import RobotState, style_frame, style_terms
 from lacoloco.robots.spec import RobotSpec
 
-AHEAD = (1, 3, 8)
+LOOKAHEAD = (1, 3, 8)
 """Control steps into the future that the tracker sees: 0.02, 0.06 and 0.16 s."""
 TERMS = {
     "base_height": (0.1, 400.0),
@@ -24,48 +24,58 @@ TERMS = {
     "joint_pos": (0.3, 3.0),
     "joint_vel": (0.1, 0.01),
 }
-"""Term of the style frame -> its weight w and how sharp it is: the reward is the sum of w
-exp(-sharpness |error|^2).
+"""Term of the style frame -> weight w and sharpness s; the reward is the sum of all terms'
+w exp(-s |error|^2).
 """
 
 
-class References:
-    """The clips by row: their states, style frames and actions. The last clip is the robot standing
-    (``repertoire.py``).
+class ReferenceMotion:
+    """States, style frames and actions of all clips, one row per control step, M rows in all.
+
+    The last clip is the robot standing still, see
+    :func:`lacoloco.pipelines.tracking.reference_clips.reference_clips`.
+
+    Attributes:
+        states: Generalised positions and velocities of all rows.
+        actions: (M, J) inferred raw actions that lead to the next row.
+        previous_actions: (M, J) raw actions of the row before.
+        frames: (M, 10 + 2J) style frames.
+        speed: (M,) planar speed of the base [m/s].
+        standing_row: First row of the last clip.
     """
 
     def __init__(self, spec: RobotSpec, library: MotionLibrary) -> None:
-        """Line up the clips and infer their actions, (M, J) raw units, which takes a while."""
+        """Line up the clips and infer their actions, which takes a while."""
         self.states: ClipStates = clip_states(library)
         self.actions = infer_actions(spec, self.states, spec.action_scale)
-        self.rest = int(self.states.first[-1])
-        """The row from which on the robot stands still."""
-        self.before = previous_actions(self.states, self.actions)
-        """(M, J) the action before each row's."""
+        self.previous_actions = previous_actions(self.states, self.actions)
         state = RobotState.from_generalized(self.states.qpos, self.states.qvel)
         self.frames = style_frame(state)
         self.speed = state.lin_vel_b[:, :2].norm(dim=-1)
-        """(M,) planar speed [m/s]."""
+        self.standing_row = int(self.states.first[-1])
         self._tolerances = spec.tracking
         self._terms = style_terms(self.actions.shape[1])
 
     @property
     def width(self) -> int:
-        """Columns of :meth:`ahead`."""
-        return len(AHEAD) * self.frames.shape[1]
+        """Columns of :meth:`lookahead`."""
+        return len(LOOKAHEAD) * self.frames.shape[1]
 
-    def ahead(self, rows: torch.Tensor) -> torch.Tensor:
-        """(N, width) style frames ``AHEAD`` of the moments ``rows`` (N,), the clip's last one
-        beyond its end.
+    def lookahead(self, rows: torch.Tensor) -> torch.Tensor:
+        """(N, width) style frames ``LOOKAHEAD`` steps after ``rows`` (N,).
+
+        Beyond the end of a clip its last frame is repeated.
         """
         last = self.states.last[rows]
-        return torch.cat(
-            [self.frames[torch.minimum(rows + steps, last)] for steps in AHEAD], dim=-1
-        )
+        frames = [self.frames[torch.minimum(rows + steps, last)] for steps in LOOKAHEAD]
+        return torch.cat(frames, dim=-1)
 
     def compare(self, state: RobotState, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(N,) reward in [0, 1] for being as the clips are at ``rows`` (N,), and (N,) bool whether
-        that is hopeless.
+        """Compare N robots with the reference at ``rows`` (N,).
+
+        Returns:
+            (N,) reward in [0, 1], and (N,) bool, whether the error of the joints, of the height or
+            of the tilt exceeds the robot's tolerance.
         """
         errors = (style_frame(state) - self.frames[rows]).split(
             [term.size for term in self._terms], dim=-1
@@ -74,13 +84,11 @@ class References:
             term.name: error.square().sum(dim=-1)
             for term, error in zip(self._terms, errors, strict=True)
         }
-        reward = sum(
-            weight * torch.exp(-sharpness * squared[name])
-            for name, (weight, sharpness) in TERMS.items()
-        )
-        joints = squared["joint_pos"] / state.joint_pos.shape[1] > self._tolerances.joint_error**2
-        tall, tilted = (
-            squared["base_height"] > self._tolerances.height_error**2,
-            squared["projected_gravity"] > self._tolerances.tilt_error**2,
-        )
-        return reward, joints | tall | tilted
+        reward = torch.zeros_like(squared["base_height"])
+        for name, (weight, sharpness) in TERMS.items():
+            reward = reward + weight * torch.exp(-sharpness * squared[name])
+        tolerances = self._tolerances
+        joints = squared["joint_pos"] / state.joint_pos.shape[1] > tolerances.joint_error**2
+        height = squared["base_height"] > tolerances.height_error**2
+        tilt = squared["projected_gravity"] > tolerances.tilt_error**2
+        return reward, joints | height | tilt

@@ -279,7 +279,7 @@ def test_the_low_level_learns_from_what_a_robot_made_of_a_dogs_motions(tmp_path)
         "there is nothing to follow yet"
     )
     chain.answer("retarget", "--run", "dog", "--trim", "0s:2s", *SMOKE)
-    assert chain.answer("track", *SMOKE)["pieces"] >= 1
+    assert chain.answer("track", *SMOKE)["segments"] >= 1
     chain.answer("train-low", *SMOKE)
     parents = str(read_header(chain.store.newest("dog", "train-low")).parents)
     assert "track" in parents and "retarget" not in parents, "not from both"
