@@ -9,11 +9,11 @@ from typing import Annotated, Any
 
 import typer
 
-_PANEL = "Shared options"
+PANEL = "Shared options"
 
 
 def _option(*names: str, help: str, **extra: Any) -> Any:
-    return typer.Option(*names, help=help, rich_help_panel=_PANEL, **extra)
+    return typer.Option(*names, help=help, rich_help_panel=PANEL, **extra)
 
 
 Run = Annotated[

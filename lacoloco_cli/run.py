@@ -11,14 +11,27 @@ import typer
 
 from lacoloco_cli import console
 from lacoloco_cli.failures import UserError
-from lacoloco_cli.options import STAGE, Seeds
+from lacoloco_cli.options import PANEL, STAGE, Seeds
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.sweep import Campaign, run_campaign
+from lacoloco_cli.stage_settings import stage_settings
+from lacoloco_cli.sweep import Sweep, run_sweep
 
 app = typer.Typer()
 
-# an experiment has one preset for all its stages, and no config of its own to change
-SHARED = tuple(parameter for parameter in STAGE if parameter.name != "overrides")
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="STAGE.KEY=VALUE",
+        help="Change a config field of one stage, e.g. train-low.ppo.gamma=0.97; may be repeated.",
+        rich_help_panel=PANEL,
+    ),
+]
+# an experiment has no config of its own: its settings name a stage first
+SHARED = tuple(
+    parameter.replace(annotation=Set) if parameter.name == "overrides" else parameter
+    for parameter in STAGE
+)
 
 Methods = Annotated[
     str | None,
@@ -83,26 +96,36 @@ def run(
     With --methods or --executor: motions, then both levels of every method and seed, each in a job
     of its own, then the evaluation of all. Given again, it does what is missing.
     """
-    from lacoloco.pipelines.chains import chain as experiments
-    from lacoloco.pipelines.chains import experiments as catalogue
+    from lacoloco.pipelines.chains import chain, experiments
 
-    name = known_name(name, catalogue.EXPERIMENTS)
-    if methods or executor or status:
-        chosen = methods or (f"{disc}-cat" if cat else disc)
-        many = Campaign(name, chosen, seeds, executor or "local", jobs, slurm or [], mocap or [])
-        run_campaign(session, many, status=status)
-        return
+    name = known_name(name, experiments.EXPERIMENTS)
     method = f"{disc}-cat" if cat else disc
-    if method not in catalogue.METHODS:
+    if method not in experiments.METHODS:
         raise UserError(f"--disc {disc}: use gan or drail")
-    outcomes = experiments.run(
+    preset = session.preset or "laptop"
+    settings = stage_settings(session.overrides, experiments.EXPERIMENTS[name], preset)
+    if methods or executor or status:
+        many = Sweep(
+            experiment=name,
+            methods=methods or method,
+            seeds=seeds,
+            executor=executor or "local",
+            jobs=jobs,
+            slurm=slurm or [],
+            mocap=mocap or [],
+            settings=settings,
+        )
+        run_sweep(session, many, status=status)
+        return
+    outcomes = chain.run(
         name,
         session.context(),
-        preset=session.preset or "laptop",
+        preset=preset,
         method=method,
         seeds=seeds,
         mocap=mocap or [],
         from_scratch=from_scratch,
+        settings=settings,
     )
     stages: list[dict[str, Any]] = [
         {

@@ -4,7 +4,7 @@ are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,13 +16,13 @@ from lacoloco_cli.failures import OUR_BUG, UserError
 from lacoloco_cli.session import Session, path_text
 
 if TYPE_CHECKING:
-    from lacoloco.pipelines.chains.sweep import Member
+    from lacoloco.pipelines.chains.sweep import Trial
 
 STATUSES = ("done", "failed", "unfinished", "missing")
 
 
 @dataclass(frozen=True)
-class Campaign:
+class Sweep:
     """What was asked for with `--methods` or `--executor`."""
 
     experiment: str
@@ -32,24 +32,26 @@ class Campaign:
     jobs: int | None
     slurm: list[str]
     mocap: list[Path]
+    settings: Mapping[str, Mapping[str, Any]]
+    """Stage -> dotted path of a config field -> value."""
 
 
-def run_campaign(session: Session, asked: Campaign, *, status: bool) -> None:
-    """Train every member that is missing, or only show how far they are.
+def run_sweep(session: Session, asked: Sweep, *, status: bool) -> None:
+    """Train every trial that is missing, or only show how far they are.
 
     Raises:
-        typer.Exit: With code 1 when a member failed; the others are done all the same.
+        typer.Exit: With code 1 when a trial failed; the others are done all the same.
     """
-    from lacoloco.pipelines.chains import sweep as campaign
+    from lacoloco.pipelines.chains import sweep
 
-    methods = campaign.chosen_methods(asked.methods)
+    methods = sweep.chosen_methods(asked.methods)
     evaluation = None
     if status:
         seeds = range(session.seed, session.seed + asked.seeds)
-        found = campaign.members(session.store, session.run_name, methods, seeds)
+        found = sweep.trials(session.store, session.run_name, methods, seeds)
     else:
         at_once = asked.jobs or (1 if asked.executor == "local" else len(methods) * asked.seeds)
-        found, evaluation = campaign.run_members(
+        found, evaluation = sweep.run_trials(
             asked.experiment,
             session.context(),
             preset=session.preset or "laptop",
@@ -59,13 +61,14 @@ def run_campaign(session: Session, asked: Campaign, *, status: bool) -> None:
             at_once=at_once,
             options=parameters(asked.slurm),
             mocap=asked.mocap,
+            settings=asked.settings,
         )
-    rows = [member_row(member) for member in found]
+    rows = [trial_row(trial) for trial in found]
     payload: dict[str, Any] = {
         "artifact": path_text(evaluation.artifact) if evaluation else None,
         "experiment": asked.experiment,
         "run": session.run_name,
-        "members": rows,
+        "trials": rows,
         "counts": {kind: [r["status"] for r in rows].count(kind) for kind in STATUSES},
     }
 
@@ -81,16 +84,16 @@ def run_campaign(session: Session, asked: Campaign, *, status: bool) -> None:
         raise typer.Exit(OUR_BUG)
 
 
-def member_row(member: Member) -> dict[str, Any]:
-    """One member as `--json` prints it."""
-    paths = {stage: getattr(member, stage) for stage in ("low", "high")}
+def trial_row(trial: Trial) -> dict[str, Any]:
+    """One trial as `--json` prints it."""
+    paths = {stage: getattr(trial, stage) for stage in ("low", "high")}
     return {
-        "method": member.method,
-        "seed": member.seed,
-        "status": member.status,
-        "samples": member.samples,
-        "seconds": member.seconds,
-        "error": member.error,
+        "method": trial.method,
+        "seed": trial.seed,
+        "status": trial.status,
+        "samples": trial.samples,
+        "seconds": trial.seconds,
+        "error": trial.error,
         **{stage: path_text(path) if path else None for stage, path in paths.items()},
     }
 

@@ -24,7 +24,7 @@ from lacoloco.datasets.hardware import describe_machine
 from lacoloco.datasets.provenance import git_commit, lacoloco_version, timestamp
 from lacoloco.pipelines import train_low
 from lacoloco.pipelines.benchmarks.throughput import BenchConfig, bench_sim, bench_train
-from lacoloco.pipelines.chains import chain as experiments
+from lacoloco.pipelines.chains import chain
 from lacoloco.pipelines.sim.parity import check_parity
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.registry import load_robot
@@ -200,12 +200,12 @@ def _train(
 ) -> dict[str, Any]:
     """One experiment from nothing to its row of Table I; what is there already is kept."""
     context.progress.say(f"training: {name} {method}")
-    experiments.make_motions(name, context, preset=preset)
-    high = experiments.train_both(name, context, preset=preset, method=method)
+    chain.make_motions(name, context, preset=preset)
+    high = chain.train_both(name, context, preset=preset, method=method)
     report.keep(high, f"{name}-{method}-seed{context.seed}.h5")
     header = read_header(high)
     low = read_header(header.parents[0].locate(high))
-    evaluation = experiments.evaluate(name, context, preset=preset, policies=[high])
+    evaluation = chain.evaluate(name, context, preset=preset, policies=[high])
     (row,) = read_header(evaluation.artifact).metadata["rows"]
     return {
         "status": "done",

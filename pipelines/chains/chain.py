@@ -5,7 +5,7 @@ meet.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -13,13 +13,16 @@ from typing import Any
 
 from lacoloco.pipelines.chains.experiments import (
     EXPERIMENTS,
-    FOLLOWS,
+    INPUT_OF,
     METHODS,
     STAGES,
     Experiment,
     known,
 )
 from lacoloco.pipelines.stage import StageContext, StageResult
+
+Settings = Mapping[str, Mapping[str, Any]]
+"""Verb -> dotted path of a field of its config -> value."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ def run(
     seeds: int = 1,
     mocap: Sequence[Path] = (),
     from_scratch: bool = False,
+    settings: Settings | None = None,
 ) -> list[Outcome]:
     """Run an experiment from nothing to an evaluated, exported and rendered policy.
 
@@ -58,19 +62,62 @@ def run(
         seeds: trainings, from ``context.seed`` upwards; the best one is exported and played.
         mocap: files to retarget instead of the bundled sample; they need the whole chain.
         from_scratch: run the whole chain even where a published low level would do.
+        settings: fields of the stages' configs that are neither the preset's nor the experiment's;
+            a setting of a stage that a published low level replaces asks for the whole chain.
 
     Raises:
         StageError: unknown experiment, preset or method.
     """
     experiment = known(EXPERIMENTS, name, "experiment")
     known(METHODS, method, "method")
-    chain = _Chain(experiment, context, preset, method, list(mocap))
-    low = None if from_scratch or mocap else published_low(experiment, method)
+    settings = settings or {}
+    chain = _Chain(experiment, context, preset, method, list(mocap), settings)
+    whole = from_scratch or mocap or not settings.keys().isdisjoint(before_high(experiment))
+    low = None if whole else published_low(experiment, method)
     if low is not None:
         context.progress.say(
             f"starting from the published low level {low.stem}; --from-scratch trains another one"
         )
     return list(chain.run(range(context.seed, context.seed + seeds), low))
+
+
+def before_high(experiment: Experiment) -> tuple[str, ...]:
+    """The stages that a published low level replaces."""
+    return (*experiment.motion_stages, "train-low")
+
+
+def stages_of(experiment: Experiment) -> tuple[str, ...]:
+    """The verbs of a whole chain, in their order."""
+    return (*before_high(experiment), "train-high", "eval", "export", "play")
+
+
+def config_of(experiment: Experiment, verb: str, *, preset: str, method: str) -> Any:
+    """The config that a stage of an experiment gets, before any settings.
+
+    Raises:
+        StageError: unknown preset or method.
+    """
+    module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
+    config = known(module.PRESETS, preset, "preset")()
+    config = replace(config, **experiment.settings.get(verb, {}))
+    if verb == "train-low":
+        discriminator, constrained = known(METHODS, method, "method")
+        ase = replace(config.ase, discriminator=discriminator)
+        config = replace(config, cat=constrained, ase=ase)
+    if verb == "eval":
+        config = replace(config, episodes=min(config.episodes, experiment.episodes))
+    if verb == "train-high" and experiment.decisions is not None:
+        config = replace(config, decisions=min(config.decisions, experiment.decisions))
+    return config
+
+
+def changed(config: Any, values: Mapping[str, Any]) -> Any:
+    """A config with other values in some fields, named by their dotted paths."""
+    for path, value in values.items():
+        name, _, rest = path.partition(".")
+        inner = changed(getattr(config, name), {rest: value}) if rest else value
+        config = replace(config, **{name: inner})
+    return config
 
 
 def published_low(experiment: Experiment, method: str) -> Path | None:
@@ -87,7 +134,12 @@ def published_low(experiment: Experiment, method: str) -> Path | None:
 
 
 def make_motions(
-    name: str, context: StageContext, *, preset: str, mocap: Sequence[Path] = ()
+    name: str,
+    context: StageContext,
+    *,
+    preset: str,
+    mocap: Sequence[Path] = (),
+    settings: Settings | None = None,
 ) -> list[Path]:
     """The motions that an experiment's low level learns from; those that are there already are
     kept.
@@ -95,18 +147,25 @@ def make_motions(
     Raises:
         StageError: unknown experiment or preset.
     """
-    chain = _resuming(name, context, preset, mocap=mocap)
+    chain = _resuming(name, context, preset, mocap=mocap, settings=settings)
     learn_from = chain.experiment.learn_from
-    needed = {*learn_from, *(FOLLOWS[maker] for maker in learn_from if maker in FOLLOWS)}
-    makers = [maker for maker in chain.experiment.makers if maker in needed]
+    needed = {*learn_from, *(INPUT_OF[verb] for verb in learn_from if verb in INPUT_OF)}
     made = {
-        maker: chain.stage(maker, chain.context, **chain.sources(maker)).artifact
-        for maker in makers
+        verb: chain.stage(verb, chain.context, **chain.sources(verb)).artifact
+        for verb in chain.experiment.motion_stages
+        if verb in needed
     }
-    return [made[maker] for maker in learn_from]
+    return [made[verb] for verb in learn_from]
 
 
-def train_both(name: str, context: StageContext, *, preset: str, method: str) -> Path:
+def train_both(
+    name: str,
+    context: StageContext,
+    *,
+    preset: str,
+    method: str,
+    settings: Settings | None = None,
+) -> Path:
     """Both levels of one method and seed on the run's newest motions; a level that is there already
     is kept.
 
@@ -117,19 +176,27 @@ def train_both(name: str, context: StageContext, *, preset: str, method: str) ->
         StageError: unknown experiment, preset or method.
         ArtifactError: the run has no motions.
     """
-    chain = _resuming(name, context, preset, method)
-    motions = [chain.newest(maker) for maker in chain.experiment.learn_from]
+    chain = _resuming(name, context, preset, method, settings=settings)
+    motions = [chain.newest(verb) for verb in chain.experiment.learn_from]
     low = chain.stage("train-low", chain.context, motions=motions)
     return chain.stage("train-high", chain.context, low=low.artifact).artifact
 
 
-def evaluate(name: str, context: StageContext, *, preset: str, policies: Sequence[Path]) -> Outcome:
+def evaluate(
+    name: str,
+    context: StageContext,
+    *,
+    preset: str,
+    policies: Sequence[Path],
+    settings: Settings | None = None,
+) -> Outcome:
     """Evaluate high levels of several methods and seeds together, one row each.
 
     Raises:
         StageError: unknown experiment or preset.
     """
-    return _resuming(name, context, preset).stage("eval", context, policies=list(policies))
+    chain = _resuming(name, context, preset, settings=settings)
+    return chain.stage("eval", context, policies=list(policies))
 
 
 def _resuming(
@@ -138,10 +205,12 @@ def _resuming(
     preset: str,
     method: str = "drail-cat",
     mocap: Sequence[Path] = (),
+    settings: Settings | None = None,
 ) -> _Chain:
     experiment = known(EXPERIMENTS, name, "experiment")
     known(METHODS, method, "method")
-    return _Chain(experiment, replace(context, resume=True), preset, method, list(mocap))
+    resuming = replace(context, resume=True)
+    return _Chain(experiment, resuming, preset, method, list(mocap), settings or {})
 
 
 class _Chain:
@@ -156,25 +225,22 @@ class _Chain:
         preset: str,
         method: str,
         mocap: list[Path],
+        settings: Settings,
     ) -> None:
-        self.experiment, self.context, self.preset, self.method, self.mocap = (
-            experiment,
-            context,
-            preset,
-            method,
-            mocap,
-        )
+        self.experiment, self.context = experiment, context
+        self.preset, self.method = preset, method
+        self.mocap, self.settings = mocap, settings
 
     def run(self, seeds: range, published: Path | None = None) -> Iterator[Outcome]:
         """All stages in order; with a ``published`` low level, only what comes after it."""
-        makers = () if published is not None else self.experiment.makers
-        for maker in makers:
-            yield self.stage(maker, self.context, **self.sources(maker))
+        motion_stages = () if published is not None else self.experiment.motion_stages
+        for verb in motion_stages:
+            yield self.stage(verb, self.context, **self.sources(verb))
         policies = []
         for seed in seeds:
             context, low = replace(self.context, seed=seed), published
             if low is None:
-                motions = [self.newest(maker) for maker in self.experiment.learn_from]
+                motions = [self.newest(verb) for verb in self.experiment.learn_from]
                 trained = self.stage("train-low", context, motions=motions)
                 yield trained
                 low = trained.artifact
@@ -185,23 +251,22 @@ class _Chain:
         yield evaluation
         best = self._best(evaluation.artifact, policies)
         yield self.stage("export", self.context, policy=best)
-        for source in (*(self.newest(maker) for maker in makers), best):
+        for source in (*(self.newest(verb) for verb in motion_stages), best):
             yield self.stage("play", self.context, source=source)
 
-    def sources(self, maker: str) -> dict[str, Any]:
+    def sources(self, verb: str) -> dict[str, Any]:
         """What a stage that makes motions takes."""
-        if maker == "generate":
-            return {"robot": self.experiment.robot}
-        if maker in FOLLOWS:
-            return {"motions": [self.newest(FOLLOWS[maker])]}
-        return {"robot": self.experiment.robot, **({"sources": self.mocap} if self.mocap else {})}
+        if verb in INPUT_OF:
+            return {"motions": [self.newest(INPUT_OF[verb])]}
+        mocap = {"sources": self.mocap} if verb == "retarget" and self.mocap else {}
+        return {"robot": self.experiment.robot, **mocap}
 
     def stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:
         """Run one stage; with ``context.resume``, keep it where it is complete and go on where it
         is not.
         """
         module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
-        config = self._config(module, verb)
+        config = self.config(verb)
         done = (
             self._done(verb, context.seed)
             if context.resume and verb not in ("play", "eval", "export")
@@ -221,19 +286,10 @@ class _Chain:
             verb, time.monotonic() - begin, headline(verb, result.metrics), result.artifact
         )
 
-    def _config(self, module: Any, verb: str) -> Any:
-        config = known(module.PRESETS, self.preset, "preset")()
-        config = replace(config, **self.experiment.settings.get(verb, {}))
-        if verb == "train-low":
-            discriminator, constrained = METHODS[self.method]
-            config = replace(
-                config, cat=constrained, ase=replace(config.ase, discriminator=discriminator)
-            )
-        if verb == "eval":
-            config = replace(config, episodes=min(config.episodes, self.experiment.episodes))
-        if verb == "train-high" and self.experiment.decisions is not None:
-            config = replace(config, decisions=min(config.decisions, self.experiment.decisions))
-        return config
+    def config(self, verb: str) -> Any:
+        """A stage's config: the preset's, then the experiment's, then the settings'."""
+        config = config_of(self.experiment, verb, preset=self.preset, method=self.method)
+        return changed(config, self.settings.get(verb, {}))
 
     def _done(self, verb: str, seed: int) -> Path | None:
         from lacoloco.datasets.artifact import read_header

@@ -26,8 +26,8 @@ STAGES = {
     "play": "play",
 }
 """Verb -> module of ``lacoloco.pipelines``, in the order of the chain."""
-FOLLOWS = {"track": "retarget"}
-"""Maker of motions -> the maker whose motions it takes."""
+INPUT_OF = {"track": "retarget"}
+"""Stage that makes motions -> the stage whose motions it takes."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Experiment:
 
     Attributes:
         robot: name of the robot.
-        makers: the stages that make motions, ``generate``, ``retarget`` and ``track``, in their
-            order.
+        motion_stages: those of ``generate``, ``retarget`` and ``track`` that make its motions, in
+            their order.
         learn_from: those of them whose motions the low level imitates.
         about: one line for a person.
         episodes: at most so many are evaluated; a quickstart does not need the paper's 4096.
@@ -49,7 +49,7 @@ class Experiment:
     """
 
     robot: str
-    makers: tuple[str, ...]
+    motion_stages: tuple[str, ...]
     learn_from: tuple[str, ...]
     about: str
     episodes: int = 4096

@@ -1,6 +1,6 @@
-"""One experiment for several methods and seeds, each a member trained in a job of its own.
+"""One experiment for several methods and seeds, each a trial trained in a job of its own.
 
-What there is to do is read off the run: a member whose policy is there is done, one that was cut
+What there is to do is read off the run: a trial whose policy is there is done, one that was cut
 short goes on from its checkpoint, one that failed is tried again. So the same command, given again,
 does what is missing and nothing else.
 """
@@ -16,7 +16,7 @@ from typing import Any
 
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines.chains import chain as experiments
+from lacoloco.pipelines.chains import chain
 from lacoloco.pipelines.chains.experiments import METHODS
 from lacoloco.pipelines.chains.jobs import make_executor, run_jobs
 from lacoloco.pipelines.errors import StageError
@@ -27,7 +27,7 @@ JOBS = "jobs"
 
 
 @dataclass(frozen=True)
-class Member:
+class Trial:
     """One method with one seed, and how far it is.
 
     Attributes:
@@ -72,14 +72,12 @@ def chosen_methods(text: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def members(
-    store: RunStore, run: str, methods: Iterable[str], seeds: Iterable[int]
-) -> list[Member]:
-    """Every member, method by method, as the run shows it."""
-    return [_look(store, run, Member(method, seed)) for method, seed in product(methods, seeds)]
+def trials(store: RunStore, run: str, methods: Iterable[str], seeds: Iterable[int]) -> list[Trial]:
+    """Every trial, method by method, as the run shows it."""
+    return [_look(store, run, Trial(method, seed)) for method, seed in product(methods, seeds)]
 
 
-def run_members(
+def run_trials(
     name: str,
     context: StageContext,
     *,
@@ -90,11 +88,12 @@ def run_members(
     at_once: int = 1,
     options: Mapping[str, Any] | None = None,
     mocap: Sequence[Path] = (),
-) -> tuple[list[Member], experiments.Outcome | None]:
+    settings: chain.Settings | None = None,
+) -> tuple[list[Trial], chain.Outcome | None]:
     """Make the motions if there are none, train what is missing, and evaluate all that is there.
 
     Args:
-        name: a key of ``catalogue.EXPERIMENTS``.
+        name: a key of ``EXPERIMENTS``.
         context: run, first seed, device.
         preset: preset of every stage.
         methods: keys of ``METHODS``.
@@ -103,9 +102,10 @@ def run_members(
         at_once: so many jobs at a time.
         options: Slurm's parameters.
         mocap: files to retarget instead of the bundled sample.
+        settings: fields of the stages' configs, the same for all trials.
 
     Returns:
-        The members, and the evaluation of those that are done; None when none is.
+        The trials, and the evaluation of those that are done; None when none is.
 
     Raises:
         StageError: the experiment, preset or executor does not exist.
@@ -114,53 +114,63 @@ def run_members(
     numbers = range(context.seed, context.seed + seeds)
     jobs_folder = store.directory(run) / JOBS
     machine = make_executor(executor, jobs_folder, options)
-    experiments.make_motions(name, context, preset=preset, mocap=mocap)
-    found = {member.name: member for member in members(store, run, methods, numbers)}
-    todo = [member for member in found.values() if member.status != "done"]
-    shared = (name, str(store.root.resolve()), run, preset)
+    chain.make_motions(name, context, preset=preset, mocap=mocap, settings=settings)
+    found = {trial.name: trial for trial in trials(store, run, methods, numbers)}
+    todo = [trial for trial in found.values() if trial.status != "done"]
+    shared = (name, str(store.root.resolve()), run, preset, settings or {})
     work = {m.name: (*shared, m.method, m.seed, context.device, context.command) for m in todo}
-    progress.start(f"{len(todo)} of {len(found)} members", len(todo))
-    for count, ended in enumerate(run_jobs(machine, train_member, work, at_once=at_once), 1):
-        member = _look(store, run, found[ended.name])
-        failed = member.status != "done"
+    progress.start(f"{len(todo)} of {len(found)} trials", len(todo))
+    for count, ended in enumerate(run_jobs(machine, train_trial, work, at_once=at_once), 1):
+        trial = _look(store, run, found[ended.name])
+        failed = trial.status != "done"
         error = (ended.error or "its job ended without a policy") if failed else ""
         status = "failed" if failed else "done"
-        found[member.name] = replace(member, status=status, error=error, seconds=ended.seconds)
-        progress.say(f"{member.name}: {status}{f', {error}; see {ended.log}*' if failed else ''}")
+        found[trial.name] = replace(trial, status=status, error=error, seconds=ended.seconds)
+        progress.say(f"{trial.name}: {status}{f', {error}; see {ended.log}*' if failed else ''}")
         progress.advance(count)
     progress.stop()
-    policies = [member.high for member in found.values() if member.high is not None]
-    evaluation = (
-        experiments.evaluate(name, context, preset=preset, policies=policies) if policies else None
-    )
+    policies = [trial.high for trial in found.values() if trial.high is not None]
+    evaluation = None
+    if policies:
+        evaluation = chain.evaluate(
+            name, context, preset=preset, policies=policies, settings=settings
+        )
     return list(found.values()), evaluation
 
 
-def train_member(
-    name: str, root: str, run: str, preset: str, method: str, seed: int, device: str, command: str
+def train_trial(
+    name: str,
+    root: str,
+    run: str,
+    preset: str,
+    settings: chain.Settings,
+    method: str,
+    seed: int,
+    device: str,
+    command: str,
 ) -> None:
-    """Both levels of one member, as far as they are not there: what a job does."""
+    """Both levels of one trial, as far as they are not there: what a job does."""
     context = StageContext(
         RunStore(Path(root)), run, seed=seed, device=device, resume=True, command=command
     )
-    experiments.train_both(name, context, preset=preset, method=method)
+    chain.train_both(name, context, preset=preset, method=method, settings=settings)
 
 
-def _look(store: RunStore, run: str, member: Member) -> Member:
-    paths = {stage: _trained(store, run, stage, member) for stage in ("train-low", "train-high")}
-    partials = [part for stage in paths for part in store.partials(run, stage, member.name)]
+def _look(store: RunStore, run: str, trial: Trial) -> Trial:
+    paths = {stage: _trained(store, run, stage, trial) for stage in ("train-low", "train-high")}
+    partials = [part for stage in paths for part in store.partials(run, stage, trial.name)]
     begun = partials or paths["train-low"]
     status = "done" if paths["train-high"] else "unfinished" if begun else "missing"
     samples = _samples(partials[-1].path) if partials else 0
     return replace(
-        member, status=status, samples=samples, low=paths["train-low"], high=paths["train-high"]
+        trial, status=status, samples=samples, low=paths["train-low"], high=paths["train-high"]
     )
 
 
-def _trained(store: RunStore, run: str, stage: str, member: Member) -> Path | None:
+def _trained(store: RunStore, run: str, stage: str, trial: Trial) -> Path | None:
     for path in reversed(store.all(run, stage)):
         header = read_header(path)
-        if header.seed == member.seed and header.metadata.get("method") == member.method:
+        if header.seed == trial.seed and header.metadata.get("method") == trial.method:
             return path
     return None
 
@@ -169,10 +179,5 @@ def _samples(directory: Path) -> int:
     try:
         last = (directory / "metrics.jsonl").read_text().splitlines()[-1]
         return int(json.loads(last)["samples"])
-    except (
-        OSError,
-        IndexError,
-        ValueError,
-        KeyError,
-    ):  # nothing logged yet, or a line is being written
+    except (OSError, IndexError, ValueError, KeyError):  # no line yet, or half of one
         return 0

@@ -5,7 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from lacoloco.pipelines.chains import chain as experiments
+from lacoloco.pipelines.chains import chain
 from lacoloco.pipelines.chains.chain import Outcome
 from lacoloco.pipelines.chains.experiments import EXPERIMENTS
 from lacoloco_cli.main import app
@@ -27,7 +27,7 @@ def asked(monkeypatch, tmp_path):
             Outcome("eval", 30.5, "error 3 cm", tmp_path / "eval.h5"),
         ]
 
-    monkeypatch.setattr(experiments, "run", run)
+    monkeypatch.setattr(chain, "run", run)
     return calls
 
 
@@ -83,3 +83,40 @@ def test_what_does_not_exist_is_refused(asked, arguments, said):
     assert result.stderr.count("\n") == 1
     assert said in result.stderr
     assert asked == []
+
+
+def test_settings_name_a_stage_and_are_read_by_the_type_of_its_field(asked):
+    typed = ("--set", "train-low.ppo.gamma=0.97", "--set", "eval.episodes=5e1")
+    assert invoke("solo12-synthetic", *typed).exit_code == 0
+    settings = asked[0][2]["settings"]
+    assert settings == {"train-low": {"ppo.gamma": 0.97}, "eval": {"episodes": 50}}
+    assert type(settings["eval"]["episodes"]) is int
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("train-lo.ppo.gamma=1", "did you mean 'train-low'?"),
+        ("track.samples=1", "no stage 'track' here"),
+        ("train-low.ppo.gama=1", "--set train-low.ppo.gama: no key 'gama'; did you mean"),
+        ("train-low.ppo.gamma=much", "expected float"),
+        ("gamma=1", "STAGE.path.to.field=value"),
+        ("train-low.cat=false", "use --disc and --cat"),
+    ],
+)
+@pytest.mark.parametrize("many", [(), ("--methods", "all", "--jobs", "2")])
+def test_settings_that_fit_no_stage_are_refused_before_anything_starts(asked, setting, said, many):
+    result = invoke("solo12-synthetic", "--set", setting, *many)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert said in result.stderr
+    assert asked == []
+
+
+def test_settings_reach_the_trials_of_a_sweep(monkeypatch):
+    from lacoloco.pipelines.chains import sweep
+
+    calls = []
+    monkeypatch.setattr(sweep, "run_trials", lambda *_, **given: calls.append(given) or ([], None))
+    invoke("solo12-synthetic", "--methods", "gan", "--set", "train-high.ppo.gamma=0.9")
+    assert calls[0]["settings"] == {"train-high": {"ppo.gamma": 0.9}}

@@ -8,9 +8,8 @@ import pytest
 from lacoloco.datasets import published
 from lacoloco.datasets.artifact import write_artifact
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import generate, retarget, train_low
-from lacoloco.pipelines.chains import chain as experiments
-from lacoloco.pipelines.chains import experiments as catalogue
+from lacoloco.pipelines import generate, train_high, train_low
+from lacoloco.pipelines.chains import chain, experiments
 from lacoloco.pipelines.stage import Silent, StageContext, StageResult
 
 
@@ -32,7 +31,7 @@ def ran(monkeypatch):
     calls = []
 
     def fake(name):
-        verb = next(v for v, module in catalogue.STAGES.items() if name.endswith(f".{module}"))
+        verb = next(v for v, module in experiments.STAGES.items() if name.endswith(f".{module}"))
 
         def run(config, context, **inputs):
             calls.append((verb, inputs))
@@ -42,9 +41,9 @@ def ran(monkeypatch):
 
         return SimpleNamespace(run=run)
 
-    monkeypatch.setattr(experiments, "import_module", fake)
-    monkeypatch.setattr(experiments, "headline", lambda verb, metrics: "")
-    monkeypatch.setattr(experiments._Chain, "_config", lambda *_: None)
+    monkeypatch.setattr(chain, "import_module", fake)
+    monkeypatch.setattr(chain, "headline", lambda verb, metrics: "")
+    monkeypatch.setattr(chain._Chain, "config", lambda *_: None)
     return calls
 
 
@@ -88,14 +87,14 @@ def verbs(calls):
 
 
 def test_without_a_published_low_level_the_whole_chain_runs(ran, folder, context):
-    experiments.run("quickstart", context, preset="smoke")
+    chain.run("quickstart", context, preset="smoke")
     assert verbs(ran) == WHOLE
 
 
 @pytest.mark.parametrize("name", ["solo12-synthetic-low", "solo12-synthetic"])
 def test_quickstart_trains_only_a_high_level_over_a_published_low_one(ran, folder, context, name):
     low = write(folder / f"{name}.h5")
-    experiments.run("quickstart", context, preset="smoke", seeds=2)
+    chain.run("quickstart", context, preset="smoke", seeds=2)
     assert verbs(ran) == ["train-high", *SHORT]
     assert ran[0][1] == ran[1][1] == {"low": low}
     (line,) = context.progress.lines
@@ -105,8 +104,8 @@ def test_quickstart_trains_only_a_high_level_over_a_published_low_one(ran, folde
 def test_the_low_level_alone_comes_before_the_one_inside_a_high_level(folder):
     write(folder / "solo12-synthetic.h5")
     low = write(folder / "solo12-synthetic-low.h5")
-    experiment = catalogue.EXPERIMENTS["quickstart"]
-    assert experiments.published_low(experiment, "drail-cat") == low
+    experiment = experiments.EXPERIMENTS["quickstart"]
+    assert chain.published_low(experiment, "drail-cat") == low
 
 
 def test_from_scratch_other_motions_and_other_methods_need_the_whole_chain(
@@ -115,22 +114,46 @@ def test_from_scratch_other_motions_and_other_methods_need_the_whole_chain(
     write(folder / "solo12-synthetic.h5")
     for options in ({"from_scratch": True}, {"method": "gan"}, {"mocap": [tmp_path / "dog.bvh"]}):
         ran.clear()
-        experiments.run("quickstart", context, preset="smoke", **options)
+        chain.run("quickstart", context, preset="smoke", **options)
         assert verbs(ran) == WHOLE, options
     assert context.progress.lines == []
 
 
-def test_experiments_of_the_paper_never_start_from_what_is_published(ran, folder, context):
+def test_EXPXof_the_paper_never_start_from_what_is_published(ran, folder, context):
     write(folder / "solo12-synthetic.h5")
-    experiments.run("solo12-synthetic", context, preset="smoke")
+    chain.run("solo12-synthetic", context, preset="smoke")
     assert "train-low" in verbs(ran)
 
 
 def test_an_experiment_changes_what_the_preset_says(context):
-    experiment = catalogue.EXPERIMENTS["solo12-dog-reach"]
-    chain = experiments._Chain(experiment, context, "smoke", "gan", [])
-    generated, low = chain._config(generate, "generate"), chain._config(train_low, "train-low")
+    experiment = experiments.EXPERIMENTS["solo12-dog-reach"]
+    planned = chain._Chain(experiment, context, "smoke", "gan", [], {})
+    generated, low = planned.config("generate"), planned.config("train-low")
     assert (generated.walk_clips, generated.reach_clips) == (0, generate.smoke().reach_clips)
     assert dict(low.skill_shares).keys() == {"dog", "reach"}
-    assert chain._config(retarget, "retarget").augment
+    assert planned.config("retarget").augment
     assert low.ase.discriminator == "gan" and low.samples == train_low.smoke().samples
+
+
+def test_settings_reach_every_stage_and_come_after_preset_and_experiment(context):
+    settings = {
+        "generate": {"walk_clips": 5},
+        "train-low": {"ppo.gamma": 0.5, "samples": 7},
+        "eval": {"episodes": 9},
+    }
+    experiment = experiments.EXPERIMENTS["solo12-dog-reach"]
+    planned = chain._Chain(experiment, context, "smoke", "gan", [], settings)
+    assert planned.config("generate").walk_clips == 5
+    assert (planned.config("train-low").ppo.gamma, planned.config("train-low").samples) == (0.5, 7)
+    assert planned.config("train-low").ase.discriminator == "gan"
+    assert planned.config("eval").episodes == 9
+    assert planned.config("train-high") == train_high.smoke()
+
+
+def test_a_setting_of_the_low_level_is_not_lost_to_a_published_one(ran, folder, context):
+    write(folder / "solo12-synthetic.h5")
+    chain.run("quickstart", context, preset="smoke", settings={"train-high": {"decisions": 3}})
+    assert verbs(ran) == SHORT
+    ran.clear()
+    chain.run("quickstart", context, preset="smoke", settings={"train-low": {"samples": 3}})
+    assert verbs(ran) == WHOLE
