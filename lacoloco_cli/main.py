@@ -24,7 +24,7 @@ VERBS = {
     "export": ("export", "Write both levels as ONNX that was checked against torch."),
     "play": ("play", "Watch a motion or a policy in the browser or as HTML."),
     "run": ("run", "Run a whole experiment, e.g. quickstart or solo12-dog."),
-    "runs": ("runs", "List, show, plot, verify and publish what lies in runs/."),
+    "runs": ("runs", "List, show, plot, report, verify and publish what lies in runs/."),
     "robots": ("robots", "List, show and check the robots."),
     "bench": ("bench", "Measure speed next to the raw engine."),
     "doctor": ("doctor", "Check the installation; say which engine is used."),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lacoloco_cli import console, plot, publish
+from lacoloco_cli import console, plot, publish, report
 from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from lacoloco.datasets.store import RunStore
 
 app = typer.Typer(
-    no_args_is_help=True, help="List, show, plot, verify and publish what lies in runs/."
+    no_args_is_help=True, help="List, show, plot, report, verify and publish what lies in runs/."
 )
 app.add_typer(plot.app)
 app.add_typer(publish.app)
+app.add_typer(report.app)
 
 _WHAT = "A run, an artifact, its directory, or a published name; default: "
 Shown = Annotated[
