@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,9 @@ from lacoloco_cli.failures import UserError
 from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import check_writable, copy_to
+
+if TYPE_CHECKING:
+    from lacoloco.pipelines.play import PlaybackConfig
 
 app = typer.Typer()
 
@@ -42,6 +45,15 @@ def play(
     html: Annotated[
         Path | None,
         typer.Option("--html", metavar="FILE", help="Write the page there; open no browser."),
+    ] = None,
+    gif: Annotated[
+        Path | None,
+        typer.Option(
+            "--gif",
+            metavar="FILE",
+            help="Instead of a page, one episode or clip as an animated picture of less than 3 MB;"
+            " --set seconds=6 for a shorter one.",
+        ),
     ] = None,
     latents: Annotated[
         str | None,
@@ -69,19 +81,24 @@ def play(
         ),
     ] = None,
 ) -> None:
-    """Watch a motion or a policy in the browser, or write it as one HTML file."""
+    """Watch a motion or a policy in the browser, or write it as one HTML file or a GIF."""
     from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import play as stage
 
     if figure is not None:
-        if html is not None or clip or latents:
-            raise UserError("--figure: is no page; leave out --html, --clip and --latents")
+        if html is not None or gif is not None or clip or latents:
+            raise UserError("--figure: is no page; leave out --html, --gif, --clip and --latents")
         draw_figure(session, source, figure, motions or [])
         return
     if motions:
         raise UserError("--motions: belongs to --figure; to watch motions, name them alone")
     config = session.config(stage.PRESETS)
     config = replace(config, latents=latents_of(latents))
+    if gif is not None:
+        if html is not None or len(clip or ()) > 1:
+            raise UserError("--gif: shows one thing; leave out --html, and name one --clip")
+        draw_gif(session, config, source, gif, clip or ())
+        return
     source = resolve(source) if source else newest(session)
     if html is not None:
         check_writable("--html", html)
@@ -94,6 +111,54 @@ def play(
     session.answer(payload, lambda: typer.echo(payload["html"]))
     if html is None and not session.as_json and watched():
         show(page)
+
+
+def draw_gif(
+    session: Session,
+    config: PlaybackConfig,
+    source: Path | None,
+    gif: Path,
+    names: Sequence[str],
+) -> None:
+    """Draw the first of what a page would show; what needs checking is checked first."""
+    from lacoloco.datasets.artifact import read_artifact
+    from lacoloco.datasets.atomic_write import write_file
+    from lacoloco.datasets.published import resolve
+    from lacoloco.pipelines import play as stage
+    from lacoloco.pipelines.viewing.offscreen import check_gl
+    from lacoloco.pipelines.viewing.render import render_gif
+    from lacoloco.robots.registry import load_robot
+
+    check_gif(session, gif)
+    check_gl()
+    artifact = read_artifact(resolve(source) if source else newest(session))
+    config = replace(config, clips=1, episodes=1)
+    shown = stage.record(artifact, config, session.seed, names)[0].until(config.seconds)
+    content = render_gif(load_robot(artifact.robot), shown)
+    write_file(gif.resolve(), content, replace=True)
+    answer = {"gif": str(gif), "bytes": len(content), "robot": artifact.robot}
+    answer |= {"recording": shown.name, "seconds": round(shown.duration, 2)}
+    session.answer(answer, lambda: typer.echo(answer["gif"]))
+
+
+def check_gif(session: Session, gif: Path) -> None:
+    """Refuse to write over what is no GIF, or among the runs.
+
+    Raises:
+        UserError: It would; another name is asked for.
+    """
+    from lacoloco.pipelines.viewing.gif import is_gif
+
+    place = gif.resolve()
+    check_writable("--gif", place)
+    if place.is_relative_to(session.store.root.resolve()):
+        raise UserError(f"--gif {gif}: runs hold what stages write; name a file outside of them")
+    try:
+        replaceable = not place.exists() or (place.is_file() and is_gif(place))
+    except OSError as error:
+        raise UserError(f"--gif {gif}: {error.strerror}; name another file") from error
+    if not replaceable:
+        raise UserError(f"--gif {gif}: exists and is not a GIF; name another file")
 
 
 def draw_figure(

@@ -145,3 +145,89 @@ def test_mistakes_about_figures(motions, arguments, hint):
     assert result.exit_code == 2
     assert hint in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+GIF = b"GIF89a and what follows"
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Stands in for the drawing; what was drawn."""
+    from lacoloco.pipelines.viewing import offscreen, render
+
+    shown = []
+
+    def render_gif(spec, recording):
+        shown.append((spec.name, recording.name, recording.frames))
+        return GIF
+
+    monkeypatch.setattr(offscreen, "check_gl", lambda: None)
+    monkeypatch.setattr(render, "render_gif", render_gif)
+    return shown
+
+
+def test_a_gif_is_drawn_instead_of_a_page(motions, drawn, tmp_path):
+    gif = tmp_path / "circle.gif"
+    for _ in range(2):  # an earlier one may be replaced
+        result = invoke("--gif", gif, "--clip", "circle", "--set", "seconds=0.5", "--json")
+        assert result.exit_code == 0, result.stderr
+    assert gif.read_bytes() == GIF
+    answer = json.loads(result.stdout)
+    assert answer == {
+        "gif": str(gif),
+        "bytes": len(GIF),
+        "robot": "solo12",
+        "recording": "circle",
+        "seconds": 0.5,
+    }
+    assert drawn == [("solo12", "circle", 26)] * 2
+    assert not list(RunStore().directory("seen", "play").glob("*"))
+    assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["circle.gif"]
+
+
+def test_a_gif_replaces_nothing_else(motions, drawn, tmp_path):
+    notes = tmp_path / "notes.gif"
+    notes.write_text("not a picture")
+    inside = motions.with_name("circle.gif")
+    link = tmp_path / "link.gif"
+    link.symlink_to(inside)
+    for place, hint in ((notes, "not a GIF"), (inside, "runs"), (link, "runs")):
+        result = invoke("--gif", place)
+        assert result.exit_code == 2
+        assert hint in result.stderr
+    assert notes.read_text() == "not a picture"
+    assert not inside.exists()
+    assert drawn == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["--gif", "/gone/a.gif"], "/gone/a.gif"),
+        (["--gif", "/dev/null"], "not a GIF"),
+        (["--gif", "a.gif", "--html", "a.html"], "--html"),
+        (["--gif", "a.gif", "--clip", "circle", "--clip", "circle"], "one --clip"),
+        (["--gif", "a.gif", "--clip", "squar"], "circle"),
+        (["p.h5", "--figure", "a.png", "--gif", "a.gif"], "--gif"),
+    ],
+)
+def test_mistakes_about_gifs(motions, drawn, tmp_path, monkeypatch, arguments, hint):
+    monkeypatch.chdir(tmp_path)
+    result = invoke(*arguments)
+    assert result.exit_code == 2
+    assert hint in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "a.gif").exists()
+
+
+def test_without_opengl_one_line_says_what_to_install(motions, tmp_path, monkeypatch):
+    from lacoloco.pipelines.viewing import offscreen
+
+    def missing():
+        raise OSError("no such library")
+
+    monkeypatch.setattr(offscreen, "_context_class", missing)
+    result = invoke("--gif", tmp_path / "a.gif")
+    assert result.exit_code == 2
+    assert "OpenGL" in result.stderr
+    assert result.stderr.count("\n") == 1
