@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,9 +17,6 @@ from lacoloco_cli.failures import UserError
 from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import check_writable, copy_to
-
-if TYPE_CHECKING:
-    from lacoloco.pipelines.play import PlaybackConfig
 
 app = typer.Typer()
 
@@ -82,9 +79,6 @@ def play(
     ] = None,
 ) -> None:
     """Watch a motion or a policy in the browser, or write it as one HTML file or a GIF."""
-    from lacoloco.datasets.published import resolve
-    from lacoloco.pipelines import play as stage
-
     if figure is not None:
         if html is not None or gif is not None or clip or latents:
             raise UserError("--figure: is no page; leave out --html, --gif, --clip and --latents")
@@ -92,13 +86,15 @@ def play(
         return
     if motions:
         raise UserError("--motions: belongs to --figure; to watch motions, name them alone")
-    config = session.config(stage.PRESETS)
-    config = replace(config, latents=latents_of(latents))
     if gif is not None:
         if html is not None or len(clip or ()) > 1:
             raise UserError("--gif: shows one thing; leave out --html, and name one --clip")
-        draw_gif(session, config, source, gif, clip or ())
+        draw_gif(session, source, gif, clip or (), latents)
         return
+    from lacoloco.datasets.published import resolve
+    from lacoloco.pipelines import play as stage
+
+    config = replace(session.config(stage.PRESETS), latents=latents_of(latents))
     source = resolve(source) if source else newest(session)
     if html is not None:
         check_writable("--html", html)
@@ -114,25 +110,23 @@ def play(
 
 
 def draw_gif(
-    session: Session,
-    config: PlaybackConfig,
-    source: Path | None,
-    gif: Path,
-    names: Sequence[str],
+    session: Session, source: Path | None, gif: Path, names: Sequence[str], latents: str | None
 ) -> None:
     """Draw the first of what a page would show; what needs checking is checked first."""
+    from lacoloco.pipelines.viewing.opengl import check_gl
+
+    check_gif(session, gif)
+    check_gl()  # before anything imports MuJoCo
     from lacoloco.datasets.artifact import read_artifact
     from lacoloco.datasets.atomic_write import write_file
     from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import play as stage
-    from lacoloco.pipelines.viewing.offscreen import check_gl
     from lacoloco.pipelines.viewing.render import render_gif
     from lacoloco.robots.registry import load_robot
 
-    check_gif(session, gif)
-    check_gl()
+    config = session.config(stage.PRESETS)
+    config = replace(config, clips=1, episodes=1, latents=latents_of(latents))
     artifact = read_artifact(resolve(source) if source else newest(session))
-    config = replace(config, clips=1, episodes=1)
     shown = stage.record(artifact, config, session.seed, names)[0].until(config.seconds)
     content = render_gif(load_robot(artifact.robot), shown)
     write_file(gif.resolve(), content, replace=True)

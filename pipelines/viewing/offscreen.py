@@ -1,25 +1,15 @@
-"""Pictures that MuJoCo draws without a window.
-
-MuJoCo's own `Renderer` takes the kind of OpenGL from the environment when it is first imported, and
-then a window's if nothing is set; here it is chosen when the first picture is drawn.
-"""
+"""Pictures that MuJoCo draws without a window."""
 
 from __future__ import annotations
 
-import os
-import platform
 from types import TracebackType
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.viewing.opengl import missing, open_gl
 
-CHOICES = ("egl", "osmesa")
-"""What draws without a window on Linux."""
-PACKAGES = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
-"""Names on Debian and Ubuntu of the packages that bring each of them."""
 MAX_GEOMS = 1000
 
 
@@ -41,7 +31,7 @@ class Painter:
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         except mujoco.FatalError as error:
             self._gl.free()
-            raise StageError(_missing(error)) from error
+            raise StageError(missing(error)) from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
 
     def __enter__(self) -> Painter:
@@ -68,54 +58,3 @@ class Painter:
         upside_down = np.empty((self._view.height, self._view.width, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(upside_down, None, self._view, self._context)
         return upside_down[::-1]
-
-
-def check_gl() -> None:
-    """See whether pictures can be drawn here at all, before the work rather than after it.
-
-    Raises:
-        StageError: They cannot; the message says what to install.
-    """
-    open_gl(16, 16).free()
-
-
-def open_gl(width: int, height: int) -> Any:
-    """An OpenGL context of this size, pixels, in use from now on; its `free` ends it.
-
-    Raises:
-        StageError: There is none here; the message says what to install.
-    """
-    try:
-        context = _context_class()(width, height)
-        context.make_current()
-    except Exception as error:  # missing libraries show as errors of half a dozen types
-        raise StageError(_missing(error)) from error
-    return context
-
-
-def _context_class() -> type[Any]:
-    if platform.system() != "Linux":
-        from mujoco.gl_context import GLContext  # of the system itself, no window either
-    elif _wanted() == "osmesa":
-        from mujoco.osmesa import GLContext
-    else:
-        from mujoco.egl import GLContext
-    return GLContext
-
-
-def _wanted() -> str:
-    """What $MUJOCO_GL asks for, if it draws without a window; else egl."""
-    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
-    return asked if asked in CHOICES else "egl"
-
-
-def _missing(error: Exception) -> str:
-    if platform.system() != "Linux":
-        return f"cannot draw pictures, OpenGL is missing here ({error})"
-    wanted = _wanted()
-    (other,) = set(CHOICES) - {wanted}
-    return (
-        f"cannot draw pictures without OpenGL (MUJOCO_GL={wanted} does not work here); install it"
-        f" (on Debian and Ubuntu: apt install {PACKAGES[wanted]}), or set MUJOCO_GL={other} (apt"
-        f" install {PACKAGES[other]})"
-    )

@@ -153,7 +153,7 @@ GIF = b"GIF89a and what follows"
 @pytest.fixture
 def drawn(monkeypatch):
     """Stands in for the drawing; what was drawn."""
-    from lacoloco.pipelines.viewing import offscreen, render
+    from lacoloco.pipelines.viewing import opengl, render
 
     shown = []
 
@@ -161,7 +161,7 @@ def drawn(monkeypatch):
         shown.append((spec.name, recording.name, recording.frames))
         return GIF
 
-    monkeypatch.setattr(offscreen, "check_gl", lambda: None)
+    monkeypatch.setattr(opengl, "check_gl", lambda: None)
     monkeypatch.setattr(render, "render_gif", render_gif)
     return shown
 
@@ -221,12 +221,12 @@ def test_mistakes_about_gifs(motions, drawn, tmp_path, monkeypatch, arguments, h
 
 
 def test_without_opengl_one_line_says_what_to_install(motions, tmp_path, monkeypatch):
-    from lacoloco.pipelines.viewing import offscreen
+    from lacoloco.pipelines.viewing import opengl
 
     def missing():
         raise OSError("no such library")
 
-    monkeypatch.setattr(offscreen, "_context_class", missing)
+    monkeypatch.setattr(opengl, "_context_class", missing)
     result = invoke("--gif", tmp_path / "a.gif")
     assert result.exit_code == 2
     assert "OpenGL" in result.stderr

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.viewing import offscreen, render
+from lacoloco.pipelines.viewing import opengl, render
 from lacoloco.pipelines.viewing.recording import from_clip
 from lacoloco.pipelines.viewing.render import Look, frame_indices, render_frames, render_gif
 
@@ -17,7 +17,7 @@ SMALL = Look(width=96, height=64, centiseconds=20)
 def gl():
     """Skips where there is no OpenGL without a screen."""
     try:
-        offscreen.check_gl()
+        opengl.check_gl()
     except StageError as error:
         pytest.skip(str(error))
 
@@ -99,12 +99,12 @@ def test_without_opengl_it_is_said_what_to_install(monkeypatch, wanted):
     def missing():
         raise AttributeError("'NoneType' object has no attribute 'glGetError'")
 
-    monkeypatch.setattr(offscreen.platform, "system", lambda: "Linux")
-    monkeypatch.setattr(offscreen, "_context_class", missing)
+    monkeypatch.setattr(opengl.platform, "system", lambda: "Linux")
+    monkeypatch.setattr(opengl, "_context_class", missing)
     monkeypatch.setenv("MUJOCO_GL", wanted)
     with pytest.raises(StageError) as raised:
-        offscreen.check_gl()
+        opengl.check_gl()
     message = str(raised.value)
     assert "\n" not in message
-    assert offscreen.PACKAGES[wanted] in message
+    assert opengl.PACKAGES[wanted] in message
     assert f"MUJOCO_GL={wanted} does not work" in message
