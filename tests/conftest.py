@@ -1,6 +1,7 @@
 """Fixtures that more than one room uses; everything else stands beside its tests."""
 
 import os
+import re
 
 # Tiny tensors on several threads cost a hundred times what one thread takes when the cores are
 # shared.
@@ -91,3 +92,53 @@ def make_clip():
         return Clip.from_poses(name, fps, names, root_pos, root_quat, np.sin(phase), **options)
 
     return factory
+
+
+NAMES = {
+    # regular expressions, for MJCF and robot.toml alike
+    "solo12": {
+        r"(?<!\w)([FH?])L_": r"\1[l]_",
+        r"(?<!\w)([FH?])R_": r"\1[r]_",
+        r"(?<!\w)F(\?|\[.\])_": r"p\1_",
+        r"(?<!\w)H(\?|\[.\])_": r"q\1_",
+        r"\[(.)\]_": r"\1_",
+        r"HAA": "HAA",
+        r"HFE": "swing",
+        r"KFE": "bend",
+        r"FOOT": "toe",
+        r"UPPER_LEG": "femur",
+        r"LOWER_LEG": "tibia",
+        r"SHOULDER": "scapula",
+        r"base_link": "trunk",
+    },
+    "h1": {
+        r"\bleft_": "port_",
+        r"\bright_": "star_",
+        r"\bpelvis\b": "trunk",
+        r"\btorso": "spine",
+        r"_link\b": "_part",
+        r"_FOOT\b": "_pad",
+        r"_hip_": "_thigh_",
+        r"_knee(?!s)": "_shin",
+        r"_ankle": "_sole",
+        r"_shoulder_": "_arm_",
+        r"_elbow": "_forearm",
+    },
+}
+
+
+@pytest.fixture(scope="session")
+def renamed_robot():
+    """Writer of a robot's folder that shares no name with the bundled one it was copied from."""
+    from lacoloco.robots.registry import load_robot
+
+    def write(parent, name="rover", original="solo12"):
+        folder = parent / name
+        folder.mkdir(parents=True)
+        for file, text in load_robot(original).files().items():
+            for pattern, word in {**NAMES[original], rf"\b{original}\b": name}.items():
+                text = re.sub(pattern, word, text)
+            (folder / re.sub(rf"\b{original}\b", name, file)).write_text(text)
+        return folder
+
+    return write
