@@ -14,11 +14,11 @@ from lacoloco.datasets.hardware import describe_machine
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import FIGURES, Episodes, play_episodes
 from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.sim.commands import Range
 from lacoloco.pipelines.sim.randomisation import Randomisation
 from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.robots.registry import load_robot
 
 TEST_SEED, SELECTION_SEED = 1_000_003, 2_000_003
 """Episodes that are reported, and other episodes on which the best seed is chosen."""
@@ -82,7 +82,7 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
     rows, arrays = [], {}
     for index, path in enumerate(policies):
         artifact, loaded = load_policies(path, "low", "high", device=context.device)
-        spec = load_robot(artifact.robot)
+        spec = robot_of(artifact, context.progress.say)
         context.progress.start(
             f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes
         )
@@ -99,7 +99,7 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
         context.progress.stop()
     best = min(rows, key=lambda row: row["selection_error_m"])
     metadata = {"rows": rows, "best": best, "summary": summary(rows)}
-    robot = (spec.name, spec.model_hash())
+    robot = record_of(spec)
     write_artifact(
         directory.file("artifact.h5"),
         "lacoloco/evaluation",

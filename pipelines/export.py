@@ -21,10 +21,10 @@ from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.rollout import record_reach
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import Policy, load_policies
+from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
 TOLERANCE = 1e-5
@@ -74,7 +74,7 @@ def run(config: ExportConfig, context: StageContext, *, policy: Path) -> StageRe
         ArtifactError: ``policy`` is missing, damaged, or holds no high level.
     """
     artifact, policies = load_policies(policy, "low", "high")
-    spec = load_robot(artifact.robot)
+    spec = robot_of(artifact, context.progress.say)
     directory = context.store.begin(context.run, "export")
     recorded = record_reach(policy, seconds=config.recorded_seconds, episodes=4, seed=context.seed)
     observations = {"low": (recorded.low_obs, recorded.latent), "high": (recorded.high_obs,)}
@@ -96,7 +96,7 @@ def run(config: ExportConfig, context: StageContext, *, policy: Path) -> StageRe
         metadata={"files": files, "max_abs_difference": worst},
         config=asdict(config),
         seed=context.seed,
-        robot=(spec.name, spec.model_hash()),
+        robot=record_of(spec),
         parents=[policy],
         command=context.command,
     )

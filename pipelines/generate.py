@@ -24,6 +24,7 @@ from lacoloco.pipelines.generation.expert_trainer import (
     wide,
 )
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
+from lacoloco.pipelines.robot import belongs_to, record_of
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.tasks import load_task
@@ -116,7 +117,7 @@ def run(
     save_clips(
         directory.file("artifact.h5"),
         clips,
-        robot=(spec.name, spec.model_hash()),
+        robot=record_of(spec),
         config=asdict(config),
         seed=context.seed,
         parents=[experts],
@@ -131,10 +132,10 @@ def _experts(config: GenerateConfig, context: StageContext, spec: RobotSpec, ret
     """The run's newest experts of this robot, else the published ones, else newly trained ones."""
     if not retrain and not context.resume:
         for path in reversed(context.store.all(context.run, "experts")):
-            if read_header(path).robot == spec.name:
+            if belongs_to(read_header(path), spec):
                 return path
         bundled = published.find(f"{spec.name}-experts")
-        if bundled is not None:
+        if bundled is not None and belongs_to(read_header(bundled), spec):
             context.progress.say(
                 f"using the published experts of {spec.name}; --retrain makes them again"
             )

@@ -17,12 +17,12 @@ from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
 from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.viewing import recording as recordings
 from lacoloco.pipelines.viewing.animal import with_animal
 from lacoloco.pipelines.viewing.page import build_page
 from lacoloco.pipelines.viewing.recording import Recording
-from lacoloco.robots.registry import load_robot
 
 STAGE = "play"
 SCHEMA = "lacoloco/playback"
@@ -87,7 +87,7 @@ def run(
     """
     artifact = read_artifact(source)
     shown = record(artifact, config, context.seed, names)
-    spec = load_robot(artifact.robot)
+    spec = robot_of(artifact, context.progress.say)
     for recording in shown:
         recording.validate(spec.num_joints)
     directory = context.store.begin(context.run, STAGE)
@@ -101,7 +101,7 @@ def run(
         metadata=metadata,
         config=asdict(config),
         seed=context.seed,
-        robot=(spec.name, spec.model_hash()),
+        robot=record_of(spec),
         parents=[source],
         command=context.command,
     )
@@ -124,7 +124,7 @@ def record(
     """
     if artifact.schema == clips.SCHEMA:
         available = clips.clips_of(artifact)
-        spec, chosen = load_robot(artifact.robot), chosen_clips(available, config.clips, names)
+        spec, chosen = robot_of(artifact), chosen_clips(available, config.clips, names)
         return [
             with_animal(recordings.from_clip(available[index]), artifact, index, spec)
             for index in chosen

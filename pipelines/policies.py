@@ -16,6 +16,7 @@ from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.robot import record_of
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.spec import RobotSpec
 
@@ -82,7 +83,7 @@ def save_policies(
         metadata={"heads": heads, "structure": structure, "metrics": metrics, **(metadata or {})},
         config=config,
         seed=context.seed,
-        robot=(spec.name, spec.model_hash()),
+        robot=record_of(spec),
         parents=parents,
         command=context.command,
     )

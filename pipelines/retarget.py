@@ -15,6 +15,7 @@ from typing import Any
 
 from lacoloco.datasets.clip import save_clips
 from lacoloco.datasets.errors import ArtifactError, DatasetError
+from lacoloco.datasets.robot_record import RobotRecord
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.datasets.store import StageDir
 from lacoloco.pipelines.errors import StageError
@@ -24,6 +25,7 @@ from lacoloco.pipelines.retargeting.config import RetargetConfig
 from lacoloco.pipelines.retargeting.mocap.selection import load_selection
 from lacoloco.pipelines.retargeting.mocap.sources import clip_names, find_recordings
 from lacoloco.pipelines.retargeting.worker import Task, Worker, picture_path, piece_path
+from lacoloco.pipelines.robot import record_of
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot
 
@@ -67,7 +69,7 @@ def run(
     Args:
         config: How, and which part of them.
         context: Where.
-        robot: Name of the robot.
+        robot: The robot, by name or by the path of its folder.
         sources: Files, folders and patterns; none for the bundled sample.
         jobs: Number of processes; 0 for that of the cores.
         again: Make clips that the run has already anew.
@@ -112,7 +114,7 @@ def run(
     if not again and newest and _holds(newest[0], made):
         directory.discard()
         return StageResult(newest[0], metrics)
-    _finish(directory, config, context, (robot, load_robot(robot).model_hash()), made, metrics)
+    _finish(directory, config, context, record_of(load_robot(robot)), made, metrics)
     return StageResult(directory.complete(), metrics)
 
 
@@ -210,7 +212,7 @@ def _finish(
     directory: StageDir,
     config: RetargetConfig,
     context: StageContext,
-    robot: tuple[str, str],
+    robot: RobotRecord,
     made: Sequence[tuple[Task, Piece]],
     metrics: Mapping[str, Any],
 ) -> None:

@@ -19,8 +19,8 @@ from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.rollout import record_reach
 from lacoloco.pipelines.evaluation.skill_classifier import NearestClip
 from lacoloco.pipelines.evaluation.skill_switching import LAST, compare
+from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.robots.registry import load_robot
 
 STAGE = "switching"
 SCHEMA = "lacoloco/switching"
@@ -85,7 +85,7 @@ def run(
     found = compare(played, nearest)
     shown = config.shown if config.shown >= 0 else found.typical()
     directory = context.store.begin(context.run, STAGE)
-    spec = load_robot(played.robot)
+    spec = robot_of(read_header(policy), context.progress.say)
     draw_switching(directory.file(PICTURE), found, played, shown, spec.feet)
     write_artifact(
         directory.file("artifact.h5"),
@@ -104,7 +104,7 @@ def run(
         },
         config=asdict(config),
         seed=context.seed,
-        robot=(spec.name, spec.model_hash()),
+        robot=record_of(spec),
         parents=[policy, *motions],
         command=context.command,
     )

@@ -13,6 +13,7 @@ from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import save_policies
+from lacoloco.pipelines.robot import record_of, robot_of_all
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.tracking.config import RecordingConfig, TrackerConfig
 from lacoloco.pipelines.tracking.env import TrackingEnv
@@ -21,7 +22,6 @@ from lacoloco.pipelines.tracking.reference_clips import reference_clips
 from lacoloco.pipelines.tracking.rollout_plan import num_rollouts
 from lacoloco.pipelines.tracking.trainer import TrackerTrainer
 from lacoloco.pipelines.training.loop import remove_checkpoints, train
-from lacoloco.robots.registry import load_robot
 
 LOG_KEYS = ("reward", "early_terminations_per_1000_steps", "falls_per_1000_steps", "std")
 
@@ -92,9 +92,7 @@ def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) 
         ArtifactError: The motions are missing or damaged.
         StageError: The tracker never followed any clip for long enough.
     """
-    from lacoloco.datasets.artifact import read_header
-
-    spec = load_robot(read_header(motions[0]).robot)
+    spec = robot_of_all(motions, context.progress.say)
     given = [clip for path in motions for clip in load_clips(path, robot=spec.name)]
     clips = reference_clips(spec, given, config.speed_factors)
     library = MotionLibrary(clips, context.device)
@@ -128,7 +126,7 @@ def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) 
     save_clips(
         directory.file("artifact.h5"),
         segments,
-        robot=(spec.name, spec.model_hash()),
+        robot=record_of(spec),
         config=asdict(config),
         seed=context.seed,
         parents=motions,

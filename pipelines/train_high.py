@@ -18,6 +18,7 @@ from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
+from lacoloco.pipelines.robot import robot_of
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.diagnostics import high_level_warnings
@@ -28,7 +29,6 @@ from lacoloco.pipelines.training.loop import (
     remove_checkpoints,
     train,
 )
-from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
 SHOWN = ("reward", "final_error", "falls_per_episode", "std")
@@ -81,7 +81,7 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
         ArtifactError: ``low`` is missing, damaged, or holds no low level.
     """
     artifact, policies = load_policies(low, "low", device=context.device)
-    spec = load_robot(artifact.robot)
+    spec = robot_of(artifact, context.progress.say)
     method = artifact.metadata["method"]
     config = priced(config, method)
     mine = shared(config)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from lacoloco.datasets.clip import load_clips
+from lacoloco.datasets.clip import Clip, load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.errors import StageError
@@ -19,6 +19,7 @@ from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level.config import TrainLowConfig
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.policies import save_policies
+from lacoloco.pipelines.robot import Say, robot_of_all
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.diagnostics import low_level_warnings
 from lacoloco.pipelines.training.loop import (
@@ -28,7 +29,6 @@ from lacoloco.pipelines.training.loop import (
     remove_checkpoints,
     train,
 )
-from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
 SHOWN = (
@@ -104,7 +104,7 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         ArtifactError: an input is missing or damaged.
     """
     mine = shared(config)
-    clips, spec = load_motions(motions)
+    clips, spec = load_motions(motions, context.progress.say)
     method = f"{config.ase.discriminator}{'-cat' if config.cat else ''}"
     directory = begin(context, "train-low", method)
     shares = dict(config.skill_shares)
@@ -171,19 +171,11 @@ def shared(config: TrainLowConfig) -> TrainLowConfig:
     )
 
 
-def load_motions(paths: Sequence[Path]) -> tuple[list, RobotSpec]:
+def load_motions(paths: Sequence[Path], say: Say | None = None) -> tuple[list[Clip], RobotSpec]:
     """All clips of several motion artifacts, and their robot.
 
     Raises:
-        StageError: no artifact, or artifacts of different robots.
+        StageError: no artifact, or artifacts of different robots or versions of one.
     """
-    from lacoloco.datasets.artifact import read_header
-
-    robots = {read_header(path).robot for path in paths}
-    if len(robots) != 1:
-        found = ", ".join(sorted(robots)) or "none"
-        raise StageError(
-            f"motions of exactly one robot are needed, found: {found}; name them with --motions"
-        )
-    spec = load_robot(robots.pop())
+    spec = robot_of_all(paths, say)
     return [clip for path in paths for clip in load_clips(path, robot=spec.name)], spec

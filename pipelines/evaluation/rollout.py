@@ -10,12 +10,12 @@ import torch
 
 from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule, project
 from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.robot import robot_of
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, load_task
-from lacoloco.robots.registry import load_robot
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def record_low(
         ArtifactError: ``policy`` is missing, damaged, or holds no low level.
     """
     artifact, policies = load_policies(policy, "low")
-    low, spec = policies["low"], load_robot(artifact.robot)
+    low, spec = policies["low"], robot_of(artifact)
     task = replace(
         imitate_task(spec, constrained=False),
         noise=0.0,
@@ -112,7 +112,7 @@ def record_reach(
         ArtifactError: ``policy`` is missing, damaged, or holds no high level.
     """
     artifact, policies = load_policies(policy, "low", "high")
-    spec = load_robot(artifact.robot)
+    spec = robot_of(artifact)
     task = replace(
         load_task(spec, "reach"), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION
     )

@@ -23,6 +23,7 @@ from lacoloco.pipelines.retargeting.mocap.reading import Reading, limb_pairs
 from lacoloco.pipelines.retargeting.mocap.skeleton_maps import choose_map
 from lacoloco.pipelines.retargeting.retargeter import Retargeted, Retargeter
 from lacoloco.pipelines.retargeting.validation import check_recording
+from lacoloco.pipelines.robot import record_of
 from lacoloco.robots.registry import load_robot
 
 SAMPLE_LICENCE = "BSD-3-Clause"
@@ -67,7 +68,7 @@ class Worker:
             "variant": (task.mirror, task.bend),
             "config": asdict(self._config.key()),
             "maps": [asdict(skeleton) for skeleton in self._maps],
-            "robot": (self._spec.name, self._spec.model_hash()),
+            "robot": record_of(self._spec).digest,
             "program": (lacoloco_version(), git_commit()),
         }
         return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
@@ -146,7 +147,7 @@ class Worker:
         save_clips(
             piece,
             [result.clip],
-            robot=(self._spec.name, self._spec.model_hash()),
+            robot=record_of(self._spec),
             config=asdict(self._config),
             parents=[task.path],
             metadata={"metrics": {"clips": [figures]}},
