@@ -39,7 +39,14 @@ Quiet = Annotated[bool, _option("--quiet", "-q", help="Show no progress.")]
 Debug = Annotated[bool, _option("--debug", help="Show the traceback of an error.")]
 
 # own options of several verbs
-Robot = Annotated[str, typer.Option("--robot", metavar="NAME", help="One of `lacoloco robots`.")]
+Robot = Annotated[
+    str,
+    typer.Option(
+        "--robot",
+        metavar="NAME|PATH",
+        help="One of `lacoloco robots list`, or a folder with robot.toml and its MJCF.",
+    ),
+]
 Checkpoint = Annotated[
     Path | None,
     typer.Option(

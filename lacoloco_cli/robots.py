@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lacoloco_cli import console
-from lacoloco_cli.failures import USER_MISTAKE
+from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, verb
 
@@ -17,21 +17,32 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="List, show and check the robots.")
 
-Name = Annotated[str, typer.Argument(metavar="NAME", help="One of `lacoloco robots list`.")]
+_ONE = "One of `lacoloco robots list`, or a folder with robot.toml and its MJCF"
+Name = Annotated[str | None, typer.Argument(metavar="NAME|PATH", help=f"{_ONE}.")]
 OptionalName = Annotated[
-    str | None, typer.Argument(metavar="[NAME]", help="One robot; default: all of them.")
+    str | None,
+    typer.Argument(metavar="[NAME|PATH]", help=f"{_ONE}; default: all in the list."),
+]
+RobotOption = Annotated[
+    str | None,
+    typer.Option("--robot", metavar="NAME|PATH", help="The same, as other verbs say it."),
 ]
 
 
 @verb(app, "list", shared=READING)
 def list_robots(session: Session) -> None:
     """List the robots with their size and weight."""
-    from lacoloco.robots.registry import load_robot, robot_names
+    from lacoloco.robots.registry import load_robot, robot_folders, robot_origins
 
-    robots = [_summary(load_robot(name)) for name in robot_names()]
+    folders = robot_folders()
+    robots = [
+        {**_summary(load_robot(name)), "origin": origin, "folder": str(folders[name])}
+        for name, origin in robot_origins().items()
+    ]
 
     def show() -> None:
         columns = ["robot", "joints", "mass kg", "weight N", "height m", "end effector", "model"]
+        columns.append("comes from")
         rows = [
             (
                 robot["name"],
@@ -41,6 +52,7 @@ def list_robots(session: Session) -> None:
                 robot["default_height"],
                 robot["end_effector"],
                 robot["model_hash"][:12],
+                robot["origin"],
             )
             for robot in robots
         ]
@@ -50,11 +62,14 @@ def list_robots(session: Session) -> None:
 
 
 @verb(app, "show", shared=READING)
-def show_robot(session: Session, name: Name) -> None:
+def show_robot(session: Session, name: Name = None, robot: RobotOption = None) -> None:
     """Show all numbers of one robot."""
     from lacoloco.robots.registry import load_robot
 
-    spec = load_robot(name)
+    wanted = _wanted(name, robot)
+    if wanted is None:
+        raise UserError("which robot? name one of `lacoloco robots list`, or a folder")
+    spec = load_robot(wanted)
     joints = _joint_rows(spec)
     payload = {
         **_summary(spec),
@@ -84,12 +99,14 @@ def show_robot(session: Session, name: Name) -> None:
 
 
 @verb(app, "check", shared=READING)
-def check_robots(session: Session, name: OptionalName = None) -> None:
+def check_robots(session: Session, name: OptionalName = None, robot: RobotOption = None) -> None:
     """Check the numbers of robots, and that MuJoCo and Pinocchio agree on them."""
     from lacoloco.robots.check import check_robot
     from lacoloco.robots.registry import load_robot, robot_names
 
-    reports = [check_robot(load_robot(n)) for n in ([name] if name else robot_names())]
+    wanted = _wanted(name, robot)
+    names = robot_names() if wanted is None else (wanted,)
+    reports = [check_robot(load_robot(one)) for one in names]
     passed = all(report.passed for report in reports)
 
     def show() -> None:
@@ -99,6 +116,17 @@ def check_robots(session: Session, name: OptionalName = None) -> None:
     session.answer({"passed": passed, "robots": [_report(r) for r in reports]}, show)
     if not passed:
         raise typer.Exit(USER_MISTAKE)
+
+
+def _wanted(name: str | None, robot: str | None) -> str | None:
+    """The robot that was asked for, whichever way; None for none.
+
+    Raises:
+        UserError: Two different ones.
+    """
+    if name is not None and robot is not None and name != robot:
+        raise UserError(f"--robot {robot}: {name!r} is asked for, too; name one robot")
+    return robot if name is None else name
 
 
 def _summary(spec: RobotSpec) -> dict[str, Any]:

@@ -58,6 +58,14 @@ Slurm = Annotated[
 Status = Annotated[
     bool, typer.Option("--status", help="Only show how far the jobs' trainings are.")
 ]
+OwnRobot = Annotated[
+    str | None,
+    typer.Option(
+        "--robot",
+        metavar="NAME|PATH",
+        help="Another robot than the experiment's: one of `lacoloco robots list`, or its folder.",
+    ),
+]
 FromScratch = Annotated[
     bool,
     typer.Option(
@@ -84,6 +92,7 @@ def run(
         typer.Option("--mocap", help="A .bvh to retarget instead of the sample; may be repeated."),
     ] = None,
     seeds: Seeds = 1,
+    robot: OwnRobot = None,
     methods: Methods = None,
     executor: Executor = None,
     jobs: Jobs = None,
@@ -114,6 +123,7 @@ def run(
             slurm=slurm or [],
             mocap=mocap or [],
             settings=settings,
+            robot=robot,
         )
         run_sweep(session, many, status=status)
         return
@@ -124,6 +134,7 @@ def run(
         method=method,
         seeds=seeds,
         mocap=mocap or [],
+        robot=robot,
         from_scratch=from_scratch,
         settings=settings,
     )

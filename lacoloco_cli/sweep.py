@@ -34,6 +34,7 @@ class Sweep:
     mocap: list[Path]
     settings: Mapping[str, Mapping[str, Any]]
     """Stage -> dotted path of a config field -> value."""
+    robot: str | None = None
 
 
 def run_sweep(session: Session, asked: Sweep, *, status: bool) -> None:
@@ -62,6 +63,7 @@ def run_sweep(session: Session, asked: Sweep, *, status: bool) -> None:
             options=parameters(asked.slurm),
             mocap=asked.mocap,
             settings=asked.settings,
+            robot=asked.robot,
         )
     rows = [trial_row(trial) for trial in found]
     payload: dict[str, Any] = {

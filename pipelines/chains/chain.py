@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,10 @@ from lacoloco.pipelines.chains.experiments import (
     Experiment,
     known,
 )
+from lacoloco.pipelines.robot import belongs_to
 from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.robots.registry import load_robot
+from lacoloco.robots.spec import RobotSpec
 
 Settings = Mapping[str, Mapping[str, Any]]
 """Verb -> dotted path of a field of its config -> value."""
@@ -43,6 +47,7 @@ def run(
     method: str = "drail-cat",
     seeds: int = 1,
     mocap: Sequence[Path] = (),
+    robot: str | None = None,
     from_scratch: bool = False,
     settings: Settings | None = None,
 ) -> list[Outcome]:
@@ -61,6 +66,8 @@ def run(
         method: a key of ``METHODS``.
         seeds: trainings, from ``context.seed`` upwards; the best one is exported and played.
         mocap: files to retarget instead of the bundled sample; they need the whole chain.
+        robot: another robot than the experiment's, by name or by the path of its folder; it needs
+            the whole chain, too.
         from_scratch: run the whole chain even where a published low level would do.
         settings: fields of the stages' configs that are neither the preset's nor the experiment's;
             a setting of a stage that a published low level replaces asks for the whole chain.
@@ -68,7 +75,7 @@ def run(
     Raises:
         StageError: unknown experiment, preset or method.
     """
-    experiment = known(EXPERIMENTS, name, "experiment")
+    experiment = of_robot(known(EXPERIMENTS, name, "experiment"), robot)
     known(METHODS, method, "method")
     settings = settings or {}
     chain = _Chain(experiment, context, preset, method, list(mocap), settings)
@@ -133,6 +140,13 @@ def published_low(experiment: Experiment, method: str) -> Path | None:
     )
 
 
+def of_robot(experiment: Experiment, robot: str | None) -> Experiment:
+    """The experiment with another robot, for which nothing is published."""
+    if robot is None or robot == experiment.robot:
+        return experiment
+    return replace(experiment, robot=robot, start_from=())
+
+
 def make_motions(
     name: str,
     context: StageContext,
@@ -140,6 +154,7 @@ def make_motions(
     preset: str,
     mocap: Sequence[Path] = (),
     settings: Settings | None = None,
+    robot: str | None = None,
 ) -> list[Path]:
     """The motions that an experiment's low level learns from; those that are there already are
     kept.
@@ -147,7 +162,7 @@ def make_motions(
     Raises:
         StageError: unknown experiment or preset.
     """
-    chain = _resuming(name, context, preset, mocap=mocap, settings=settings)
+    chain = _resuming(name, context, preset, mocap=mocap, robot=robot, settings=settings)
     learn_from = chain.experiment.learn_from
     needed = {*learn_from, *(INPUT_OF[verb] for verb in learn_from if verb in INPUT_OF)}
     made = {
@@ -206,8 +221,9 @@ def _resuming(
     method: str = "drail-cat",
     mocap: Sequence[Path] = (),
     settings: Settings | None = None,
+    robot: str | None = None,
 ) -> _Chain:
-    experiment = known(EXPERIMENTS, name, "experiment")
+    experiment = of_robot(known(EXPERIMENTS, name, "experiment"), robot)
     known(METHODS, method, "method")
     resuming = replace(context, resume=True)
     return _Chain(experiment, resuming, preset, method, list(mocap), settings or {})
@@ -296,12 +312,19 @@ class _Chain:
 
         for path in reversed(self.context.store.all(self.context.run, verb)):
             header = read_header(path)
+            if verb in ("generate", "retarget") and not belongs_to(header, self.robot):
+                continue
             trained = verb in ("train-low", "train-high")
             if not trained or (
                 header.seed == seed and header.metadata.get("method") == self.method
             ):
                 return path
         return None
+
+    @cached_property
+    def robot(self) -> RobotSpec:
+        """The experiment's robot."""
+        return load_robot(self.experiment.robot)
 
     def newest(self, verb: str) -> Path:
         """The run's newest artifact of a stage."""

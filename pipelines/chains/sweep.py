@@ -89,6 +89,7 @@ def run_trials(
     options: Mapping[str, Any] | None = None,
     mocap: Sequence[Path] = (),
     settings: chain.Settings | None = None,
+    robot: str | None = None,
 ) -> tuple[list[Trial], chain.Outcome | None]:
     """Make the motions if there are none, train what is missing, and evaluate all that is there.
 
@@ -103,6 +104,7 @@ def run_trials(
         options: Slurm's parameters.
         mocap: files to retarget instead of the bundled sample.
         settings: fields of the stages' configs, the same for all trials.
+        robot: another robot than the experiment's, by name or by the path of its folder.
 
     Returns:
         The trials, and the evaluation of those that are done; None when none is.
@@ -114,7 +116,7 @@ def run_trials(
     numbers = range(context.seed, context.seed + seeds)
     jobs_folder = store.directory(run) / JOBS
     machine = make_executor(executor, jobs_folder, options)
-    chain.make_motions(name, context, preset=preset, mocap=mocap, settings=settings)
+    chain.make_motions(name, context, preset=preset, mocap=mocap, robot=robot, settings=settings)
     found = {trial.name: trial for trial in trials(store, run, methods, numbers)}
     todo = [trial for trial in found.values() if trial.status != "done"]
     shared = (name, str(store.root.resolve()), run, preset, settings or {})
