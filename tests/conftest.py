@@ -102,7 +102,7 @@ NAMES = {
         r"(?<!\w)F(\?|\[.\])_": r"p\1_",
         r"(?<!\w)H(\?|\[.\])_": r"q\1_",
         r"\[(.)\]_": r"\1_",
-        r"HAA": "HAA",
+        r"HAA": "spread",
         r"HFE": "swing",
         r"KFE": "bend",
         r"FOOT": "toe",
