@@ -13,7 +13,6 @@ from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import retarget
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retarget import RetargetConfig
-from lacoloco.pipelines.retargeting.mocap.sources import clip_names
 from lacoloco.pipelines.retargeting.retargeter import ground_lift, parse_scale
 from lacoloco.pipelines.retargeting.worker import Worker
 from lacoloco.pipelines.stage import StageContext
@@ -389,15 +388,3 @@ def test_what_is_mostly_guessed_is_no_clip(context, short_dog):
     """The sample at five times the robot's size: its legs reach no target."""
     with pytest.raises(DatasetError, match="could not be solved: the robot cannot do this"):
         retarget.run(replace(QUICK, scale="5"), context, sources=[short_dog()])
-
-
-@pytest.mark.parametrize(
-    ("inputs", "expected"),
-    [
-        (("/s9/walk.bvh", "/s1/walk.bvh"), ["s9/walk", "s1/walk"]),
-        (("../a/../s1/walk.bvh", "../s2/walk.bvh"), ["s1/walk", "s2/walk"]),
-        (("/walk.bvh", "/s1/walk.bvh"), ["walk", "s1/walk"]),
-    ],
-)
-def test_names_of_clips_never_lead_out_of_their_folder(inputs, expected):
-    assert clip_names([Path(path) for path in inputs]) == expected

@@ -47,3 +47,15 @@ def test_nothing_found_is_said(tmp_path):
 def test_equal_stems_are_told_apart_by_their_folders():
     paths = [Path("x/one/dog.bvh"), Path("x/two/dog.bvh"), Path("x/two/cat.bvh")]
     assert clip_names(paths) == ["one/dog", "two/dog", "cat"]
+
+
+@pytest.mark.parametrize(
+    ("inputs", "expected"),
+    [
+        (("/s9/walk.bvh", "/s1/walk.bvh"), ["s9/walk", "s1/walk"]),
+        (("../a/../s1/walk.bvh", "../s2/walk.bvh"), ["s1/walk", "s2/walk"]),
+        (("/walk.bvh", "/s1/walk.bvh"), ["walk", "s1/walk"]),
+    ],
+)
+def test_names_of_clips_never_lead_out_of_their_folder(inputs, expected):
+    assert clip_names([Path(path) for path in inputs]) == expected
