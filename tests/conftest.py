@@ -32,7 +32,7 @@ def shared():
 
 @pytest.fixture(autouse=True)
 def _runs_in_a_temporary_folder(tmp_path, monkeypatch):
-    """No test writes into the runs of whoever starts it."""
+    """No test writes into the runs of the person who starts it."""
     monkeypatch.setenv("LACOLOCO_RUNS", str(tmp_path / "runs"))
 
 

@@ -119,7 +119,7 @@ def run_jobs(
                     _forget(job)
                     yield ended
     finally:
-        # Whoever stops this by Ctrl-C wants an end of it; what the jobs did so far is in their
+        # Ctrl-C asks for an end of it; what the jobs did so far is in their
         # checkpoints.
         for _, job in running.values():
             job.cancel()

@@ -1,5 +1,5 @@
-"""Constraint functions for Constraints as Terminations: c > 0 is a violation (paper eq. for delta;
-facts 6.4).
+"""Constraint functions for Constraints as Terminations: c > 0 is a violation (the
+paper's equation for delta; the original's code).
 
 Every function maps an environment after a step to an (N, k) tensor of signed margins in its own
 unit, one column per foot, joint or body. :mod:`lacoloco.pipelines.learn.cat` turns them into

@@ -8,7 +8,7 @@ from lacoloco.pipelines.masking import put
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 
 CONTACT_FORCE = 1.0
-"""Newtons above which a foot counts as touching (facts 6.4)."""
+"""Newtons above which a foot counts as touching (the original's code)."""
 
 
 class FootTimer:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from lacoloco.datasets.motion_library import MotionLibrary
 
 FALL_FORCE = 1.0
-"""Newtons on a fall body that end an episode (facts 2.0)."""
+"""Newtons on a fall body that end an episode (the original's code)."""
 
 
 @dataclass(frozen=True)
@@ -203,8 +203,8 @@ class LeggedEnv:
         """Put other robots on other floors into the worlds of ``mask`` (N,) bool, where they are
         and as they move.
 
-        Costs four tenths of a step for any number of them: for whoever began anew since the last
-        call, now and then.
+        Costs four tenths of a step for any number of them, so call it now and then, for the worlds
+        that began anew since the last call.
         """
         others = draw_parameters(self.task.randomisation, self.num_worlds, self.draw)
         self.parameters = self.parameters.replaced(mask, others)

@@ -3,7 +3,7 @@
 Who stands has joint angles around the default pose, each with the height that just puts the feet on
 the ground. The base height depends on the joint angles: at the default pose's own, spread angles
 begin up to 2 cm (Solo12) or 6 cm (H1) inside the floor, and the first step throws the robot into
-the air (facts 9.2, B7).
+the air (bug B7 of the original).
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def test_no_more_jobs_at_a_time_than_wanted():
     assert not any(job.cancelled for job in executor.alive)
 
 
-def test_whoever_stops_waiting_ends_the_jobs():
+def test_an_interrupted_wait_ends_the_jobs():
     executor = Executor()
     looking = run_jobs(executor, leave, {"a": (), "b": (), "c": ()}, at_once=2, poll_s=0.0)
     executor.submit(leave).looks = 9

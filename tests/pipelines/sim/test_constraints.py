@@ -1,4 +1,4 @@
-"""Constraint functions on an environment of hand-made numbers: c > 0 is a violation (facts 6.4)."""
+"""Constraint functions on an environment of hand-made numbers: c > 0 is a violation."""
 
 from types import SimpleNamespace
 
@@ -46,7 +46,7 @@ def standing(env):
 @pytest.mark.parametrize(
     ("name", "limit", "expected"),
     [
-        # The largest of *all* substeps, also of the first (facts 9.2, B15).
+        # The largest of *all* substeps, also of the first (bug B15 of the original).
         ("foot_force", 25.0, [[5.0, -25.0], [-25.0, 1.0]]),
         ("torque", 3.0, [[-2.0, 1.0], [-3.0, -1.0]]),
         ("joint_velocity", 16.0, [[-11.0, 4.0], [-15.0, -15.0]]),

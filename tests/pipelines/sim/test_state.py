@@ -86,7 +86,7 @@ def test_frame_does_not_depend_on_where_the_robot_is_and_heads():
 
 
 def test_demonstrations_and_agent_go_through_the_same_frame(motions):
-    """A clip's state put into generalised coordinates gives the same columns (facts 9.2, B5)."""
+    """A clip's state put into generalised coordinates gives the same columns: bug B5."""
     frames = motions.frames(torch.tensor([0, 1]), torch.tensor([0.31, 0.77]))
     demonstration = RobotState.from_motion(frames)
     yaw = 2 * torch.atan2(frames.root_quat[:, 3], frames.root_quat[:, 0])
