@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
-from typing import Annotated, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lacoloco_cli import console
 from lacoloco_cli.failures import UserError
+from lacoloco_cli.option_group import with_options
 from lacoloco_cli.options import Robot
 from lacoloco_cli.session import Session, path_text, verb
+
+if TYPE_CHECKING:
+    from lacoloco.pipelines.retargeting.config import RetargetConfig
 
 app = typer.Typer()
 
@@ -39,73 +43,50 @@ COLUMNS = {
     "solver_failures": "failures",
     "times_real_time": "x real time",
 }
-"""The figures of a clip that a table has room for."""
+"""The metrics of a clip that the table shows, and the head of each column."""
 INCOMPLETE = 1
 """Exit code when some files gave clips and others did not."""
 
-Mode = Annotated[
-    str | None,
-    typer.Option(
-        "--mode",
-        metavar="clip|paper",
-        help="All frames together, feet planted (default), or frame by frame as in the paper.",
-    ),
-]
-Select = Annotated[
-    str | None,
-    typer.Option(
-        "--select", metavar="NAME|FILE", help="Use these files and parts only, e.g. paper-dogs."
-    ),
-]
-Trim = Annotated[
-    str | None,
-    typer.Option(
-        "--trim", metavar="START:END", help="Part of each file: frames (120:600) or 2s:10s."
-    ),
-]
-Scale = Annotated[
-    str | None,
-    typer.Option(
-        "--scale",
-        metavar="auto|none|FACTOR",
-        help="Fit the animal to the robot, leave it as it is (paper), or fit by a factor.",
-    ),
-]
-MapFile = Annotated[
-    str | None,
-    typer.Option("--map", metavar="FILE", help="Map of one's own from joints to the robot."),
-]
-SwapSides = Annotated[
-    bool | None,
-    typer.Option("--swap-sides", help="Left is right in the files.", show_default=False),
-]
 
+@dataclass(frozen=True)
+class RetargetOptions:
+    """Options that change the config: each is named like a field of `RetargetConfig`.
 
-@verb(app)
-def retarget(
-    session: Session,
-    sources: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[FILE|FOLDER|PATTERN]...", help="BVH files; default: the bundled dog."
+    An option that is not given is None, and leaves the preset as it is.
+    """
+
+    mode: Annotated[
+        str | None,
+        typer.Option(
+            "--mode",
+            metavar="clip|paper",
+            help="All frames together, feet planted (default), or frame by frame as in the paper.",
         ),
-    ] = None,
-    robot: Robot = "solo12",
-    mode: Mode = None,
-    select: Select = None,
-    trim: Trim = None,
-    fps: Annotated[
-        float | None, typer.Option("--fps", help="Frames per second of the clips.")
-    ] = None,
+    ] = None
+    select: Annotated[
+        str | None,
+        typer.Option(
+            "--select", metavar="NAME|FILE", help="Use these files and parts only, e.g. paper-dogs."
+        ),
+    ] = None
+    trim: Annotated[
+        str | None,
+        typer.Option(
+            "--trim", metavar="START:END", help="Part of each file: frames (120:600) or 2s:10s."
+        ),
+    ] = None
+    fps: Annotated[float | None, typer.Option("--fps", help="Frames per second of the clips.")] = (
+        None
+    )
     mirror: Annotated[
         bool | None, typer.Option("--mirror", help="Retarget the mirror image.", show_default=False)
-    ] = None,
+    ] = None
     bend: Annotated[
         float | None,
         typer.Option(
             "--bend", metavar="1/M", help="Bend the animal's course to the left; negative: right."
         ),
-    ] = None,
+    ] = None
     augment: Annotated[
         bool | None,
         typer.Option(
@@ -113,32 +94,70 @@ def retarget(
             help="Six clips per file: also its mirror image, and both on bent courses.",
             show_default=False,
         ),
-    ] = None,
-    scale: Scale = None,
+    ] = None
+    scale: Annotated[
+        str | None,
+        typer.Option(
+            "--scale",
+            metavar="auto|none|FACTOR",
+            help="Fit the animal to the robot, leave it as it is (paper), or fit by a factor.",
+        ),
+    ] = None
     up_axis: Annotated[
         str | None,
         typer.Option("--up-axis", metavar="[-]x|y|z", help="Axis of the files that is up."),
-    ] = None,
+    ] = None
     unit: Annotated[
         float | None, typer.Option("--unit", help="Metres per unit of the files, e.g. 0.01.")
-    ] = None,
+    ] = None
     source_fps: Annotated[
         float | None,
         typer.Option("--source-fps", help="Frames per second of the files, whatever they say."),
+    ] = None
+    swap_sides: Annotated[
+        bool | None,
+        typer.Option("--swap-sides", help="Left is right in the files.", show_default=False),
+    ] = None
+    map: Annotated[
+        str | None,
+        typer.Option("--map", metavar="FILE", help="Map of one's own from joints to the robot."),
+    ] = None
+    licence: Annotated[
+        str | None, typer.Option("--licence", help="Licence of the files, kept with the clips.")
+    ] = None
+
+    def applied_to(self, config: RetargetConfig) -> RetargetConfig:
+        """The config with what was given.
+
+        Raises:
+            UserError: Unknown mode.
+        """
+        if self.mode not in (None, *MODES):
+            raise UserError(f"--mode {self.mode}: use {' or '.join(MODES)}")
+        given = {key: value for key, value in vars(self).items() if value is not None}
+        return replace(config, **given)
+
+
+@verb(app)
+@with_options(RetargetOptions)
+def retarget(
+    session: Session,
+    options: RetargetOptions,
+    sources: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[FILE|FOLDER|PATTERN]...", help="BVH files; default: the bundled dog."
+        ),
     ] = None,
-    swap_sides: SwapSides = None,
-    map: MapFile = None,
+    robot: Robot = "solo12",
     maps: Annotated[
         bool, typer.Option("--maps", help="List the maps and selections that come with lacoloco.")
     ] = False,
-    licence: Annotated[
-        str | None, typer.Option("--licence", help="Licence of the files, kept with the clips.")
-    ] = None,
     jobs: Annotated[
         int, typer.Option("--jobs", "-j", min=0, help="Processes; 0: one per core.")
     ] = 0,
-    again: Annotated[
-        bool, typer.Option("--again", help="Also make what the run has already.")
+    force: Annotated[
+        bool, typer.Option("--force", help="Also make the clips that the run has already.")
     ] = False,
 ) -> None:
     """Turn motion capture (.bvh) into motions of the robot."""
@@ -146,15 +165,9 @@ def retarget(
 
     if maps:
         return list_maps(session)
-    if mode not in (None, *MODES):
-        raise UserError(f"--mode {mode}: use {' or '.join(MODES)}")
-    given = {"mode": mode, "scale": scale, "up_axis": up_axis, "unit": unit, "licence": licence}
-    given |= {"source_fps": source_fps, "trim": trim, "fps": fps, "select": select, "map": map}
-    given |= {"mirror": mirror, "bend": bend, "augment": augment, "swap_sides": swap_sides}
-    given = {key: value for key, value in given.items() if value is not None}
-    config = replace(session.config(stage.PRESETS), **given)
+    config = options.applied_to(session.config(stage.PRESETS))
     result = stage.run(
-        config, session.context(), robot=robot, sources=sources or (), jobs=jobs, again=again
+        config, session.context(), robot=robot, sources=sources or (), jobs=jobs, force=force
     )
     folder = result.artifact.parent
     pictures = sorted([*folder.glob("report.png"), *folder.glob("reports/**/*.png")])

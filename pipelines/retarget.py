@@ -62,7 +62,7 @@ def run(
     robot: str = "solo12",
     sources: Sequence[str | Path] = (),
     jobs: int = 0,
-    again: bool = False,
+    force: bool = False,
 ) -> StageResult:
     """Retarget recordings and write their clips as one artifact.
 
@@ -72,7 +72,7 @@ def run(
         robot: The robot, by name or by the path of its folder.
         sources: Files, folders and patterns; none for the bundled sample.
         jobs: Number of processes; 0 for that of the cores.
-        again: Make clips that the run has already anew.
+        force: Also make the clips that the run has already.
 
     Returns:
         The artifact, an earlier one where that has all there is to make; metrics `clips` (one entry
@@ -90,7 +90,7 @@ def run(
     worker = Worker(config, robot)
     keys, failures = _keys(worker, tasks)
     earlier: dict[str, Piece] = {}
-    if not again:
+    if not force:
         earlier = earlier_pieces(context.store, context.run, STAGE, set(keys.values()))
     directory = context.store.begin(context.run, STAGE, resume=context.resume)
     todo = [task for task in tasks if task in keys and keys[task] not in earlier]
@@ -111,7 +111,7 @@ def run(
     for entry in skipped:
         context.progress.say(f"skipped: {entry['error']}")
     newest = context.store.all(context.run, STAGE)[-1:]
-    if not again and newest and _holds(newest[0], made):
+    if not force and newest and _holds(newest[0], made):
         directory.discard()
         return StageResult(newest[0], metrics)
     _finish(directory, config, context, record_of(load_robot(robot)), made, metrics)

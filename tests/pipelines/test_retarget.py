@@ -243,7 +243,7 @@ def test_only_what_is_missing_is_made(context, short_dog, monkeypatch):
     retarget.run(replace(QUICK, fps=30.0), context, sources=files[:1])
     short_dog(slice(20, 80))
     retarget.run(QUICK, context, sources=files[:1])
-    retarget.run(QUICK, context, sources=files[:1], again=True)
+    retarget.run(QUICK, context, sources=files[:1], force=True)
     assert made == ["short"] * 3
 
 
@@ -323,7 +323,7 @@ def test_every_file_in_six_variants(context, short_dog):
         "_mirror_bend+0.5",
     ]
     alone = retarget.run(
-        replace(QUICK, mirror=True, bend=-0.8), context, sources=[path], again=True
+        replace(QUICK, mirror=True, bend=-0.8), context, sources=[path], force=True
     )
     np.testing.assert_array_equal(
         clips["_mirror_bend-0.8"].root_pos, load_clips(alone.artifact)[0].root_pos
