@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -87,7 +87,7 @@ class Retargeter:
         self._rule: ScaleRule = "limbs"
         if skeleton is not None and self._scale == "auto":
             if skeleton.scale in RULES:
-                self._rule = skeleton.scale
+                self._rule = cast(ScaleRule, skeleton.scale)
             else:
                 self._scale = float(skeleton.scale)
         self._poses = PoseProblem(spec, posture_weight)
@@ -107,7 +107,9 @@ class Retargeter:
         name: str,
         *,
         on_frame: Callable[[int], None] = lambda done: None,
-        **about: str,
+        skill: str = "",
+        source: str = "",
+        licence: str = "",
     ) -> Retargeted:
         """Retarget one recording.
 
@@ -115,7 +117,9 @@ class Retargeter:
             mocap: The recording.
             name: Name of the clip.
             on_frame: Told the number of frames done.
-            **about: `skill`, `source` and `licence` of the clip.
+            skill: Of the clip.
+            source: Name of the file that it was made from.
+            licence: Of that file.
 
         Raises:
             DatasetError: The skeleton lacks a joint.
@@ -135,7 +139,9 @@ class Retargeter:
             motion.root_quat,
             motion.joint_pos,
             contacts=targets.contacts,
-            **about,
+            skill=skill,
+            source=source,
+            licence=licence,
         )
         assessment = Assessment(
             spec=self.spec,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -21,7 +23,8 @@ class BatchedFunction:
         self._places = [
             None if pattern.is_dense() else np.array(pattern.find()) for pattern in self._outputs
         ]
-        self._buffer, self._run = function.map(CHUNK).buffer()
+        buffer: Any = function.map(CHUNK).buffer()  # CasADi's stubs describe other arguments
+        self._buffer, self._run = buffer
 
     def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
         """Evaluate N frames.
@@ -39,9 +42,9 @@ class BatchedFunction:
         for start in range(0, frames, CHUNK):
             chunk = slice(start, start + CHUNK)
             for index, array in enumerate(padded):
-                self._buffer.set_arg(index, memoryview(array[chunk]))
+                self._buffer.set_arg(index, array[chunk].data)
             for index, array in enumerate(results):
-                self._buffer.set_res(index, memoryview(array[chunk]))
+                self._buffer.set_res(index, array[chunk].data)
             self._run()
         return [self._dense(index, array[:frames]) for index, array in enumerate(results)]
 

@@ -213,14 +213,14 @@ def _part(clip: Stretch, start: int, stop: int, kept: np.ndarray) -> Stretch:
     lower, upper = (bound[start:stop].copy() for bound in clip.variable_bounds)
     guess = clip.guess[start:stop].copy()
     lower[: len(kept)] = upper[: len(kept)] = guess[: len(kept)] = kept
-    free = tuple(bound[start:stop].copy() for bound in clip.value_bounds)
-    free[0][: len(kept)], free[1][: len(kept)] = -np.inf, np.inf
+    lower_values, upper_values = (bound[start:stop].copy() for bound in clip.value_bounds)
+    lower_values[: len(kept)], upper_values[: len(kept)] = -np.inf, np.inf
     return replace(
         clip,
         guess=guess,
         parameters=clip.parameters[start:stop],
         variable_bounds=(lower, upper),
-        value_bounds=free,
+        value_bounds=(lower_values, upper_values),
     )
 
 

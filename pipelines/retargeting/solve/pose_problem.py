@@ -101,12 +101,13 @@ class PoseProblem:
         """
         found: list[Solution | None] = []
         quats = np.full((len(targets), 4), np.nan)
-        earlier = before = None
+        earlier: Solution | None = None
+        before: Solution | None = None
         for index, target in enumerate(targets):
             if before is None:
                 guess, quat = self._neutral_guess(target)
             else:
-                guess = _continued(before.variables, earlier and earlier.variables)
+                guess = _continued(before.variables, None if earlier is None else earlier.variables)
             solution = self._solve(target, guess, quat, before)
             if solution is not None:
                 quat = quats[index] = _turned(quat, solution.variables[TURN])
@@ -140,9 +141,9 @@ class PoseProblem:
         way: int,
     ) -> None:
         """Follow the solution of a frame forth (1) or back (-1) while it is better."""
-        better = True
-        while better and found[frame] is not None and 0 <= frame + way < len(targets):
-            near, quat = found[frame], quats[frame]
+        better, near = True, found[frame]
+        while better and near is not None and 0 <= frame + way < len(targets):
+            quat = quats[frame]
             frame += way
             parameters = np.concatenate([quat, targets[frame].ravel()])
             guess = _continued(near.variables, None)
@@ -245,14 +246,15 @@ def _turned(quat: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 
 def _motion(found: list[Solution | None], quats: np.ndarray) -> TrackedMotion:
+    solutions = [solution for solution in found if solution is not None]
     solved = np.flatnonzero([solution is not None for solution in found])
-    if not len(solved):
+    if not solutions:
         raise StageError("the solver found no pose in any frame; check the scale of the motion")
     frames = np.arange(len(found))
-    variables = np.array([found[index].variables for index in solved])
+    variables = np.array([solution.variables for solution in solutions])
     columns = [np.interp(frames, solved, column) for column in variables.T]
     cost = np.full(len(found), np.nan)
-    cost[solved] = [found[index].cost for index in solved]
+    cost[solved] = [solution.cost for solution in solutions]
     return TrackedMotion(
         root_pos=np.stack(columns[POSITION], axis=1),
         root_quat=_interpolated(frames, solved, quats[solved]),

@@ -72,13 +72,15 @@ class Solver:
             "g": program.constraints,
         }
         solver = ca.nlpsol("solver", "ipopt", nlp, dict(options))
-        self._buffer, self._run = solver.buffer()  # calls without copies: half of the overhead
+        # Calls without copies: half of the overhead. CasADi's stubs describe other arguments.
+        buffer: Any = solver.buffer()
+        self._buffer, self._run = buffer
         self._inputs = [np.zeros(max(solver.numel_in(i), 1)) for i in range(solver.n_in())]
         self._outputs = [np.zeros(max(solver.numel_out(i), 1)) for i in range(solver.n_out())]
         for index, array in enumerate(self._inputs):
-            self._buffer.set_arg(index, memoryview(array))
+            self._buffer.set_arg(index, array.data)
         for index, array in enumerate(self._outputs):
-            self._buffer.set_res(index, memoryview(array))
+            self._buffer.set_res(index, array.data)
         bounds = (*program.variable_bounds, *program.constraint_bounds)
         for array, bound in zip(self._inputs[2:6], bounds, strict=True):
             array[:] = bound

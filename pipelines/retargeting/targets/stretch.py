@@ -30,11 +30,12 @@ class Stretch:
 
     def sampled(self, stride: int) -> Stretch:
         """Every so many frames of it."""
+        (lower, upper), (lower_values, upper_values) = self.variable_bounds, self.value_bounds
         return Stretch(
             guess=self.guess[::stride],
             parameters=self.parameters[::stride],
-            variable_bounds=tuple(bound[::stride] for bound in self.variable_bounds),
-            value_bounds=tuple(bound[::stride] for bound in self.value_bounds),
+            variable_bounds=(lower[::stride], upper[::stride]),
+            value_bounds=(lower_values[::stride], upper_values[::stride]),
             step_limit=self.step_limit * stride,
         )
 
