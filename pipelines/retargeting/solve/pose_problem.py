@@ -150,6 +150,7 @@ class PoseProblem:
             better = self._improve(
                 found, quats, frame, self._warm.solve(guess, parameters, near), quat
             )
+            near = found[frame]
 
     def _improve(
         self,
