@@ -40,8 +40,44 @@ CONFIG: dict[str, dict[str, New]] = {
     # Clips began after so many seconds; the experts that the artifact holds do not depend on it.
     "GenerateConfig": {"lead_in": None},
     # Moved into robot.toml; the Solo12's and the H1's numbers are what they were.
-    "TrainLowConfig": {"fall_tilt": Removed(1.05)},
-    "TrainHighConfig": {"fall_tilt": Removed(1.05), "approach": Removed(0.0)},
+    "TrainLowConfig": {
+        "fall_tilt": Removed(1.05),
+        "rehearsal": "long_horizon_fraction",
+        "rehearsal_from": "long_horizon_from",
+        "second_chances": "restart_probability",
+        # A pair for a schedule that no training used; the one value is `exploration_std`.
+        "std": Removed((0.05, 0.05)),
+        "std_between": None,
+        "settle": "kl_anneal",
+        "warm_start": "bc_steps",
+        "beginnings": "bc_clip_start_fraction",
+        "head_start": "critic_warmup",
+    },
+    "TrainHighConfig": {
+        "fall_tilt": Removed(1.05),
+        "approach": Removed(0.0),
+        "settle": "kl_anneal",
+        "head_start": "critic_warmup",
+        "force_price": "contact_force_penalty",
+        "price_ramp": "contact_force_penalty_ramp",
+        "near": "near_target_fraction",
+        "clean": "noise_free_fraction",
+        "second_chances": "restart_probability",
+        "rematch_from": "replay_failed_from",
+    },
+    "PpoConfig": {
+        "entropy": Removed(0.0),
+        "deterministic_share": "greedy_fraction",
+        "spell": "noise_hold_steps",
+        "bold_share": "high_noise_fraction",
+    },
+    "NetworkConfig": {"learn_std": Removed(False)},
+    "LatentConfig": {
+        "wander": "random_walk_step_size",
+        "wander_steps": "random_walk_steps",
+        "jump": "resample_probability",
+    },
+    "AseConfig": {"anchor": "labelled_encoder_weight"},
     "HindsightConfig": {"farthest": Removed(2.0)},
     "TrackerConfig": {
         "standing_speed": Removed(0.8),

@@ -40,7 +40,7 @@ def train_high(
         session,
         seeds,
         lambda context: stage.run(config, context, low=low or newest_low(session, context.seed)),
-        stage.SHOWN,
+        stage.LOG_KEYS,
         checkpoint,
     )
 

@@ -54,7 +54,7 @@ def train_low(
         session,
         seeds,
         lambda context: stage.run(config, context, motions=motions),
-        stage.SHOWN,
+        stage.LOG_KEYS,
         checkpoint,
     )
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import play_episodes
-from lacoloco.pipelines.high_level.config import PRICE, TrainHighConfig
+from lacoloco.pipelines.high_level.config import CONTACT_FORCE_PENALTY, TrainHighConfig
 from lacoloco.pipelines.high_level.hindsight import HindsightConfig
 from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn import parallel
@@ -31,7 +31,7 @@ from lacoloco.pipelines.training.loop import (
 )
 from lacoloco.robots.spec import RobotSpec
 
-SHOWN = ("reward", "final_error", "falls_per_episode", "std")
+LOG_KEYS = ("reward", "final_error", "falls_per_episode", "std")
 
 
 def laptop() -> TrainHighConfig:
@@ -92,7 +92,7 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     # beginning.
     if mine.hindsight.decisions and not has_checkpoint(directory.path):
         context.progress.say("trying latents and fitting the first policy to where they led")
-        trainer.warm_start()
+        trainer.pretrain()
     description = describe("train-high", method, context.seed)
     metrics = train(
         trainer,
@@ -100,7 +100,7 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
         directory.path,
         context,
         description,
-        SHOWN,
+        LOG_KEYS,
         config=asdict(config),
         warn=high_level_warnings,
     )
@@ -127,9 +127,11 @@ def priced(config: TrainHighConfig, method: str) -> TrainHighConfig:
     """The config with a price of contact forces: its own, or what suits a low level trained by
     ``method``.
     """
-    if config.force_price is not None:
+    if config.contact_force_penalty is not None:
         return config
-    return replace(config, force_price=PRICE if method.endswith("-cat") else 0.0)
+    return replace(
+        config, contact_force_penalty=CONTACT_FORCE_PENALTY if method.endswith("-cat") else 0.0
+    )
 
 
 def shared(config: TrainHighConfig) -> TrainHighConfig:

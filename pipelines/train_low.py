@@ -31,7 +31,7 @@ from lacoloco.pipelines.training.loop import (
 )
 from lacoloco.robots.spec import RobotSpec
 
-SHOWN = (
+LOG_KEYS = (
     "imitation_reward",
     "encoder_cosine",
     "agent_accuracy",
@@ -54,7 +54,7 @@ def smoke() -> TrainLowConfig:
         samples=16 * 8 * 3,
         ppo=PpoConfig(horizon=8, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
-        warm_start=4,
+        bc_steps=4,
         coverage_every=0,
         coverage_latents=16,
         ase=AseConfig(updates=2, batch=64, replay_capacity=256),
@@ -119,9 +119,9 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     )
     # A training killed before its first checkpoint begins anew, with all that belongs to a
     # beginning.
-    if config.warm_start and not has_checkpoint(directory.path):
+    if config.bc_steps and not has_checkpoint(directory.path):
         context.progress.say("inferring the clips' actions and fitting the first policy to them")
-        trainer.warm_start()
+        trainer.pretrain()
     description = describe("train-low", method, context.seed)
     metrics = train(
         trainer,
@@ -129,7 +129,7 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         directory.path,
         context,
         description,
-        SHOWN,
+        LOG_KEYS,
         config=asdict(config),
         warn=low_level_warnings,
     )

@@ -46,7 +46,7 @@ def steadiness(
     latents = LatentSchedule(
         worlds, LatentConfig(dim=policy.head.sizes["latent"]), seed=seed, device=device
     )
-    latents.wandering[:] = True
+    latents.random_walk[:] = True
     alive = torch.ones(worlds, dtype=torch.bool, device=env.device)
     nobody, limit = torch.zeros_like(alive), spec.foot_force_limit()
     above, lived = torch.zeros((), device=env.device), torch.zeros((), device=env.device)

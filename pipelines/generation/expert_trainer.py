@@ -11,7 +11,7 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
-from lacoloco.pipelines.learn.metric_accumulator import Tally
+from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
 from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
 from lacoloco.pipelines.masking import perhaps_any
@@ -124,7 +124,7 @@ class ExpertTrainer:
         strength = ramp(progress, *self.config.ramp)
         std = geometric(self.config.std, progress)
         set_std(algorithm.actor, std)
-        tally = Tally()
+        tally = MetricAccumulator()
         obs = self._observe()
         for _ in range(self.config.ppo.horizon):
             step = env.step(algorithm.act(obs))

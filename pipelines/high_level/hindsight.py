@@ -1,10 +1,9 @@
-"""What a high level begins with: where latents took the end effector, told as if that had been the
-target.
+"""Pretraining of the high level by hindsight relabelling.
 
-Before anything is rewarded, random latents are held for a while each. Whatever the end effector
-came to is a target that this latent serves, from the state in which it was taken up (hindsight
-relabelling, Andrychowicz et al. 2017; cloned as in Ghosh et al. 2021). A policy fitted to that
-points the right way from the first decision on; PPO starts from there.
+Random latents are held for a while each. The point that the end effector reached is taken as the
+target of that latent, from the state in which the latent began (hindsight relabelling,
+Andrychowicz et al. 2017; cloned as in Ghosh et al. 2021). The policy is fitted to these pairs, and
+PPO starts from it.
 """
 
 from __future__ import annotations
@@ -22,22 +21,20 @@ from lacoloco.pipelines.sim.commands import TargetCommand, uniform
 from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
 from lacoloco.robots.numbers import HindsightDistances
 
-TAKEN_UP = 3
-"""Decisions after a change of latent whose states count: later ones already show what the latent
-does.
-"""
+SEGMENT_START_DECISIONS = 3
+"""Decisions after a change of latent that become examples. Later states already show the latent."""
 NORM_WEIGHT = 0.1
 
 
 @dataclass(frozen=True)
 class HindsightConfig:
-    """How much is looked at, and how often.
+    """Pretraining by hindsight relabelling.
 
     Attributes:
-        decisions: random decisions per world; 0 begins with a random network.
-        hold: fewest and most decisions for which a latent is held.
-        steps: gradient steps.
-        batch: examples per step.
+        decisions: Random decisions per world. 0 starts from a random network.
+        hold: Fewest and most decisions for which a latent is held.
+        steps: Gradient steps.
+        batch: Examples per gradient step.
     """
 
     decisions: int = 100
@@ -47,35 +44,37 @@ class HindsightConfig:
 
 
 @dataclass(frozen=True)
-class Memory:
+class RelabellingBuffer:
     """T decisions of N worlds, each as it was taken.
 
     Attributes:
         obs: (T, N, H) high-level observations.
         latent: (T, N, d) unit latents.
-        tip: (T, N, 3) world position of the end effector [m].
+        end_effector: (T, N, 3) world position of the end effector [m].
         root_pos: (T, N, 3) world [m].
         root_quat: (T, N, 4) wxyz.
-        until: (T, N) the last decision before the latent changes or the episode ends.
-        taken_up: (n,) rows t N + world of the decisions that follow closely on a change of latent.
+        segment_end: (T, N) last decision before the latent changes or the episode ends.
+        segment_starts: (n,) rows t N + world of the first decisions after a change of latent.
     """
 
     obs: torch.Tensor
     latent: torch.Tensor
-    tip: torch.Tensor
+    end_effector: torch.Tensor
     root_pos: torch.Tensor
     root_quat: torch.Tensor
-    until: torch.Tensor
-    taken_up: torch.Tensor
+    segment_end: torch.Tensor
+    segment_starts: torch.Tensor
 
 
-def explore(env: LatentSteeredEnv, config: HindsightConfig, draw: torch.Generator) -> Memory:
+def explore(
+    env: LatentSteeredEnv, config: HindsightConfig, generator: torch.Generator
+) -> RelabellingBuffer:
     """Hold random latents in every world and remember what came of them."""
     worlds, dim = env.latent.shape
     rows: dict[str, list[torch.Tensor]] = {
-        name: [] for name in ("obs", "latent", "tip", "root_pos", "root_quat", "ends")
+        name: [] for name in ("obs", "latent", "end_effector", "root_pos", "root_quat", "ends")
     }
-    z, left = sample_latents(worlds, dim, draw), _holds(worlds, config, draw)
+    z, left = sample_latents(worlds, dim, generator), _holds(worlds, config, generator)
     for _ in range(config.decisions):
         state = env.env.state
         now = (env.observe(), z, env.env.end_effector(), state.root_pos, state.root_quat)
@@ -87,21 +86,23 @@ def explore(env: LatentSteeredEnv, config: HindsightConfig, draw: torch.Generato
         env.reset(decision.done)
         changing = select(ends)
         z, left = z.clone(), left.clone()
-        put(z, changing, sample_latents(len(changing), dim, draw))
-        put(left, changing, _holds(len(changing), config, draw))
+        put(z, changing, sample_latents(len(changing), dim, generator))
+        put(left, changing, _holds(len(changing), config, generator))
     series = {name: torch.stack(values) for name, values in rows.items()}
     ends = series.pop("ends")
-    return Memory(
-        **series, until=_until(ends), taken_up=torch.nonzero(_fresh(ends).flatten()).flatten()
+    return RelabellingBuffer(
+        **series,
+        segment_end=_segment_end(ends),
+        segment_starts=torch.nonzero(_fresh(ends).flatten()).flatten(),
     )
 
 
 def relabel(
-    memory: Memory,
+    memory: RelabellingBuffer,
     command: TargetCommand,
     distances: HindsightDistances,
     count: int,
-    draw: torch.Generator,
+    generator: torch.Generator,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Draw examples: (count, 3) targets in the base frame, (count,) rows of the flattened memory,
     (count,) weights.
@@ -110,18 +111,20 @@ def relabel(
     that went somewhere serves all points in that direction, of any height, and weighs more the
     faster it went. Others weigh nothing.
     """
-    steps, worlds = memory.until.shape
-    rows = memory.taken_up[
-        torch.randint(0, len(memory.taken_up), (count,), generator=draw, device=draw.device)
+    steps, worlds = memory.segment_end.shape
+    rows = memory.segment_starts[
+        torch.randint(
+            0, len(memory.segment_starts), (count,), generator=generator, device=generator.device
+        )
     ]
     now, world = rows // worlds, rows % worlds
-    span = memory.until[now, world] - now
-    chance, reach = torch.rand(2, count, generator=draw, device=draw.device)
+    span = memory.segment_end[now, world] - now
+    chance, reach = torch.rand(2, count, generator=generator, device=generator.device)
     later = (now + 1 + (chance * span).long()).clamp_max(steps - 1)
-    start, end = memory.tip[now, world], memory.tip[later, world]
+    start, end = memory.end_effector[now, world], memory.end_effector[later, world]
     distance = (end - start)[:, :2].norm(dim=-1)
     walks = distance > distances.stride
-    beyond = _beyond(start, end, distance, reach, command, distances, draw)
+    beyond = _beyond(start, end, distance, reach, command, distances, generator)
     target = torch.where(walks[:, None], beyond, end)
     weight = _weight(distance / (later - now).clamp_min(1), walks, end, command) * (span > 0)
     local = rotate_inverse(memory.root_quat[now, world], target - memory.root_pos[now, world])
@@ -135,7 +138,7 @@ def _beyond(
     reach: torch.Tensor,
     command: TargetCommand,
     distances: HindsightDistances,
-    draw: torch.Generator,
+    generator: torch.Generator,
 ) -> torch.Tensor:
     """(count, 3) points on the line from ``start`` through ``end`` (count, 3), as far beyond as
     ``reach`` in [0, 1] says, up to ``farthest``, at heights that targets have.
@@ -143,7 +146,7 @@ def _beyond(
     stretch = distances.farthest / distance.clamp_min(distances.stride) - 1.0
     stretch = 1.0 + reach * stretch.clamp_min(0.0)
     planar = start[:, :2] + (end - start)[:, :2] * stretch[:, None]
-    return torch.cat((planar, uniform((command.z,), len(start), draw)), dim=-1)
+    return torch.cat((planar, uniform((command.z,), len(start), generator)), dim=-1)
 
 
 def _weight(
@@ -156,12 +159,12 @@ def _weight(
 
 def clone_hindsight(
     actor: MLPModel,
-    memory: Memory,
+    memory: RelabellingBuffer,
     command: TargetCommand,
     columns: dict[str, slice],
     distances: HindsightDistances,
     config: HindsightConfig,
-    draw: torch.Generator,
+    generator: torch.Generator,
     learning_rate: float = 1e-3,
 ) -> float:
     """Fit the direction of the actor's mean to the latents that served; returns the mean cosine at
@@ -175,10 +178,10 @@ def clone_hindsight(
     agreement = []
     for step in range(config.steps):
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / config.steps)
-        target, rows, weight = relabel(memory, command, distances, config.batch, draw)
+        target, rows, weight = relabel(memory, command, distances, config.batch, generator)
         seen = obs[rows].clone()
         seen[:, columns["target"]] = target
-        seen[:, columns["last_latent"]] = sample_latents(len(seen), latent.shape[1], draw)
+        seen[:, columns["last_latent"]] = sample_latents(len(seen), latent.shape[1], generator)
         raw = actor(TensorDict({"policy": seen}, batch_size=[len(seen)]))
         cosine = torch.nn.functional.cosine_similarity(raw, latent[rows], dim=-1)
         weight = weight / weight.sum().clamp_min(1e-6)
@@ -190,22 +193,22 @@ def clone_hindsight(
     return float(torch.stack(agreement[-max(1, config.steps // 10) :]).mean())
 
 
-def _holds(count: int, config: HindsightConfig, draw: torch.Generator) -> torch.Tensor:
+def _holds(count: int, config: HindsightConfig, generator: torch.Generator) -> torch.Tensor:
     return torch.randint(
-        config.hold[0], config.hold[1] + 1, (count,), generator=draw, device=draw.device
+        config.hold[0], config.hold[1] + 1, (count,), generator=generator, device=generator.device
     )
 
 
 def _fresh(ends: torch.Tensor) -> torch.Tensor:
-    """(T, N) whether fewer than ``TAKEN_UP`` decisions lie between this one and the last change."""
+    """(T, N) bool, the first ``SEGMENT_START_DECISIONS`` decisions after a change of latent."""
     fresh = torch.zeros_like(ends)
-    for back in range(1, TAKEN_UP + 1):
+    for back in range(1, SEGMENT_START_DECISIONS + 1):
         fresh[back:] |= ends[:-back]
-    fresh[:TAKEN_UP] = True
+    fresh[:SEGMENT_START_DECISIONS] = True
     return fresh
 
 
-def _until(ends: torch.Tensor) -> torch.Tensor:
+def _segment_end(ends: torch.Tensor) -> torch.Tensor:
     """(T, N) for each decision the first one from it on at which ``ends`` (T, N) is true, or the
     last of all.
     """

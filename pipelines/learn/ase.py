@@ -32,23 +32,30 @@ STATISTICS = 2048
 
 @dataclass(frozen=True)
 class AseConfig:
-    """The adversarial part.
+    """Discriminator, encoder and their rewards.
 
     Attributes:
-        reward_scale: factor on the whole style reward, so that returns stay near 1 without a value
+        discriminator: ``drail`` or ``gan``.
+        gan: Settings of the GAN discriminator.
+        drail: Settings of the diffusion discriminator.
+        encoder_hidden: Widths of the encoder's hidden layers.
+        reward_scale: Factor on the whole style reward. It keeps returns near 1 without a value
             normaliser.
-        imitation_weight: weight of r_D.
-        encoder_weight: weight of r_E relative to r_D: the paper's beta.
-        anchor: weight of the encoder's loss on labelled demonstrations, beside 1 for the policy's
-            own transitions; without labels it does nothing.
-        diversity: weight of the diversity loss.
-        updates: discriminator and encoder steps per iteration.
-        batch: policy transitions per step, half current and half replayed; as many demonstrations
-            again.
-        replay_capacity: transitions remembered; as many as a checkpoint can hold, so that a resumed
-            training is the same.
-        replay_share: share of every rollout that is remembered: little of many, so that the memory
-            spans a million samples and a skill that was dropped is not taken for a new one.
+        imitation_weight: Weight of the discriminator's reward.
+        encoder_weight: Weight of the encoder's reward (the paper's beta).
+        labelled_encoder_weight: Weight of the encoder's loss on labelled demonstrations; that on
+            the policy's own transitions has weight 1. Without labels it has no effect.
+        reward_ceiling: Upper limit of the discriminator's reward.
+        diversity: Weight of the diversity loss.
+        updates: Gradient steps of discriminator and encoder per iteration.
+        batch: Policy transitions per gradient step, half of this rollout and half replayed; as many
+            demonstrations are added.
+        learning_rate: Learning rate of the discriminator.
+        encoder_learning_rate: Learning rate of the encoder.
+        replay_capacity: Transitions in the replay buffer. No more than a checkpoint can hold, so
+            that a resumed training is the same.
+        replay_share: Share of every rollout that goes into the replay buffer. A small share lets
+            the buffer span a million samples, so that an unlearned skill is not taken for new.
     """
 
     discriminator: str = "drail"
@@ -58,7 +65,7 @@ class AseConfig:
     reward_scale: float = 0.1
     imitation_weight: float = 1.0
     encoder_weight: float = 0.3
-    anchor: float = 1.0
+    labelled_encoder_weight: float = 1.0
     reward_ceiling: float = 5.0
     diversity: float = 0.01
     updates: int = 2
@@ -108,7 +115,7 @@ class Ase(Ppo):
             Callable[[int, torch.Generator], tuple[torch.Tensor, torch.Tensor]] | None
         ) = None
         """Demonstrated transitions (n, 2F) with their latents (n, d), once something knows them."""
-        self.draw = torch.Generator(device).manual_seed(seed + 2)
+        self.generator = torch.Generator(device).manual_seed(seed + 2)
         self.transitions = torch.zeros(ppo.horizon, num_worlds, dim, device=device)
         self.valid = torch.ones(ppo.horizon, num_worlds, dtype=torch.bool, device=device)
 
@@ -184,12 +191,12 @@ class Ase(Ppo):
             "discriminator_optimizer": self.discriminator_optimizer.state_dict(),
             "encoder_optimizer": self.encoder_optimizer.state_dict(),
             "replay": self.replay.state_dict(),
-            "draw": self.draw.get_state(),
+            "generator": self.generator.get_state(),
         }
 
     def load(self, loaded_dict: dict, load_cfg: dict | None = None, strict: bool = True) -> bool:
         """Restore :meth:`save`."""
-        self.draw.set_state(loaded_dict["draw"])
+        self.generator.set_state(loaded_dict["generator"])
         for name in (
             "discriminator",
             "encoder",
@@ -207,7 +214,10 @@ class Ase(Ppo):
         z = self.storage.observations[LATENT].flatten(0, 1)
         # Piece by piece: a denoiser's activations for a whole rollout leave every cache.
         logits = torch.cat(
-            [self.discriminator.logits(piece, self.draw) for piece in flat.split(REWARDED_AT_ONCE)]
+            [
+                self.discriminator.logits(piece, self.generator)
+                for piece in flat.split(REWARDED_AT_ONCE)
+            ]
         )
         imitation = imitation_reward(logits, self.ase.reward_ceiling)
         predicted = self.encoder(flat)
@@ -229,9 +239,9 @@ class Ase(Ppo):
         agent = self.normalizer(raw)
         z = self.storage.observations[LATENT].flatten(0, 1)[valid]
         few = max(1, int(ase.replay_share * len(agent)))
-        kept = torch.randperm(len(agent), generator=self.draw, device=self.device)[:few]
+        kept = torch.randperm(len(agent), generator=self.generator, device=self.device)[:few]
         self.replay.add(raw[kept])
-        order = torch.randperm(len(agent), generator=self.draw, device=self.device)
+        order = torch.randperm(len(agent), generator=self.generator, device=self.device)
         for index in range(ase.updates):
             # Every minibatch draws from all worlds and all steps (facts 9.2, B10).
             rows = order[
@@ -243,7 +253,7 @@ class Ase(Ppo):
                 (agent[half], self.normalizer(self.replay.sample(ase.batch - len(half))))
             )
             demo = self.normalizer(self.demonstrations(ase.batch))
-            loss, figures = self.discriminator.loss(policy, demo, self.draw)
+            loss, figures = self.discriminator.loss(policy, demo, self.generator)
             # A factor, not a branch: nothing waits for the device, and every process takes the same
             # steps.
             accuracy = parallel.average(
@@ -252,10 +262,12 @@ class Ase(Ppo):
             behind = accuracy < self.discriminator.config.max_accuracy
             _descend(self.discriminator_optimizer, loss * behind)
             miss = encoder_loss(self.encoder(agent[rows]), z[rows])
-            anchored = ase.anchor > 0.0 and self.labelled is not None
+            anchored = ase.labelled_encoder_weight > 0.0 and self.labelled is not None
             _descend(
                 self.encoder_optimizer,
-                miss + ase.anchor * self._labelled_loss(ase.batch // 2) if anchored else miss,
+                miss + ase.labelled_encoder_weight * self._labelled_loss(ase.batch // 2)
+                if anchored
+                else miss,
             )
             for name, value in {
                 **figures,
@@ -266,7 +278,7 @@ class Ase(Ppo):
         return {name: float(total) / ase.updates for name, total in totals.items()}
 
     def _labelled_loss(self, count: int) -> torch.Tensor:
-        transitions, z = self.labelled(count, self.draw)
+        transitions, z = self.labelled(count, self.generator)
         return encoder_loss(self.encoder(self.normalizer(transitions)), z)
 
 

@@ -22,7 +22,7 @@ PAIRS_FROM = 1024
 
 
 @dataclass(frozen=True)
-class Teacher:
+class CloningData:
     """What to reproduce, row by row of one timeline.
 
     Attributes:
@@ -41,27 +41,27 @@ class Teacher:
     noise: torch.Tensor
     action_noise: float = 0.12
 
-    def observe(self, rows: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def observe(self, rows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(n, F + A) noisy observations: the fitted policy must forgive what it will meet."""
         last = self.previous[rows]
         last = last + self.action_noise * torch.randn(
-            last.shape, generator=draw, device=draw.device
+            last.shape, generator=generator, device=generator.device
         )
         clean = torch.cat((self.frames[rows], last), dim=-1)
-        spread = 2.0 * torch.rand(clean.shape, generator=draw, device=draw.device) - 1.0
+        spread = 2.0 * torch.rand(clean.shape, generator=generator, device=generator.device) - 1.0
         return clean + spread * self.noise
 
 
 def clone(
     actor: MLPModel,
     embedding: SkillEmbedding,
-    teacher: Teacher,
+    data: CloningData,
     starts: Callable[[int], torch.Tensor],
     *,
     steps: int,
     batch: int = 2048,
     learning_rate: float = 1e-3,
-    draw: torch.Generator,
+    generator: torch.Generator,
 ) -> float:
     """Minimise the squared error of the mean action over actor and embedding together; latents stay
     uniform.
@@ -70,20 +70,20 @@ def clone(
         actor: over the groups ``policy`` (frame, last action) and ``latent``; its normaliser learns
             the observations.
         embedding: gives the latents; learns with the actor.
-        teacher: what to reproduce.
+        data: what to reproduce.
         starts: ``starts(n)`` draws n rows at which windows begin.
         steps: gradient steps.
         batch: rows per step.
         learning_rate: Adam's, falling linearly to zero.
-        draw: source of randomness, on the device of the teacher's tensors.
+        generator: source of randomness, on the device of the data's tensors.
 
     Returns:
         Root mean squared error over the last tenth of the steps, in action units.
     """
 
     def observe(windows: torch.Tensor) -> tuple[TensorDict, torch.Tensor]:
-        rows = embedding.moments(windows, draw)
-        groups = {"policy": teacher.observe(rows, draw), "latent": embedding(windows)}
+        rows = embedding.moments(windows, generator)
+        groups = {"policy": data.observe(rows, generator), "latent": embedding(windows)}
         return TensorDict(groups, batch_size=[len(rows)]), rows
 
     with torch.no_grad():
@@ -95,7 +95,7 @@ def clone(
     for step in range(steps):
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / steps)
         observations, rows = observe(starts(batch))
-        error = (actor(observations) - teacher.actions[rows]).square().mean()
+        error = (actor(observations) - data.actions[rows]).square().mean()
         loss = error + UNIFORMITY_WEIGHT * uniformity(observations["latent"][:PAIRS_FROM])
         optimizer.zero_grad(set_to_none=True)
         loss.backward()

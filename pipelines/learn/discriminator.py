@@ -33,11 +33,11 @@ class Discriminator(Protocol):
 
     config: DiscriminatorConfig
 
-    def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def logits(self, transition: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(n,) log-odds that a transition is a demonstration; D = sigmoid(logits)."""
 
     def loss(
-        self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator
+        self, agent: torch.Tensor, demo: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, dict]:
         """Scalar loss to minimise, and what to log: accuracies and mean logits as 0-d tensors."""
 

@@ -17,18 +17,16 @@ class DrailConfig:
     """Denoiser and sampling.
 
     Attributes:
-        hidden: width of each hidden layer.
-        layers: number of hidden layers.
-        steps: diffusion steps T.
-        samples: stratified diffusion times per transition.
-        times: range of the diffusion times as shares of T. Close to 0 the denoiser sees a
-            transition almost as it is, and the jitter of exploration noise alone tells the policy
-            from any demonstration.
-        scale: factor on the difference of the two losses; both are means over 2F dimensions, so
-            their difference alone is too small to leave the flat part of the sigmoid (the paper
-            sums, |.|^2, the original averages).
-        max_accuracy: of demonstrations and policy together, beyond which it does not learn
-            (``discriminator.py``).
+        hidden: Width of each hidden layer.
+        layers: Number of hidden layers.
+        steps: Diffusion steps T.
+        samples: Stratified diffusion times per transition.
+        times: Range of the diffusion times, as shares of T. Near 0 the denoiser sees a transition
+            almost as it is, and exploration noise alone tells the policy from a demonstration.
+        scale: Factor on the difference of the two losses. Both are means over 2F dimensions, so
+            that their difference alone stays in the flat part of the sigmoid. The paper sums, the
+            original's code averages.
+        max_accuracy: Accuracy above which the discriminator does not learn.
     """
 
     hidden: int = 128
@@ -66,12 +64,12 @@ class DrailDiscriminator(nn.Module):
         nn.init.normal_(self.label.weight, std=0.5)
         self.register_buffer("alpha_bar", cosine_schedule(config.steps))
 
-    def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def logits(self, transition: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(n, 2F) normalised transitions -> (n,) log-odds of being a demonstration."""
         count, samples = len(transition), self.config.samples
-        times = self._times(count, draw)
+        times = self._times(count, generator)
         noise = torch.randn(
-            count, samples, transition.shape[-1], generator=draw, device=draw.device
+            count, samples, transition.shape[-1], generator=generator, device=generator.device
         )
         keep = self.alpha_bar[times][..., None]
         noisy = keep.sqrt() * transition[:, None] + (1.0 - keep).sqrt() * noise
@@ -84,12 +82,12 @@ class DrailDiscriminator(nn.Module):
         return self.config.scale * (errors[0] - errors[1])
 
     def loss(
-        self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator
+        self, agent: torch.Tensor, demo: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """Cross-entropy of the logits; the denoiser is trained by nothing else (paper, after eq. of
         D_diffusion).
         """
-        logits = self.logits(torch.cat((agent, demo)), draw)
+        logits = self.logits(torch.cat((agent, demo)), generator)
         return classification(logits[: len(agent)], logits[len(agent) :])
 
     def _denoise(self, embedded: torch.Tensor) -> torch.Tensor:
@@ -98,14 +96,14 @@ class DrailDiscriminator(nn.Module):
             activation = nn.functional.relu(layer(activation))
         return self.exit(activation)
 
-    def _times(self, count: int, draw: torch.Generator) -> torch.Tensor:
+    def _times(self, count: int, generator: torch.Generator) -> torch.Tensor:
         """(count, samples) integer diffusion times, one uniform draw in each of ``samples`` equal
         strata of the range.
         """
         samples, steps = self.config.samples, self.config.steps
         low, high = self.config.times
-        offset = torch.rand(count, samples, generator=draw, device=draw.device)
-        strata = (torch.arange(samples, device=draw.device) + offset) / samples
+        offset = torch.rand(count, samples, generator=generator, device=generator.device)
+        strata = (torch.arange(samples, device=generator.device) + offset) / samples
         return ((low + (high - low) * strata) * steps).long().clamp_max(steps - 1)
 
 

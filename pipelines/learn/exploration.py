@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import torch
 
-MEAN, SAMPLED, BOLD = 0.0, 1.0, 2.0
+MEAN, SAMPLED, HIGH_NOISE = 0.0, 1.0, 2.0
 
 
 class Exploration:
@@ -15,38 +15,38 @@ class Exploration:
 
     Args:
         num_worlds: N.
-        deterministic_share: mean share of steps on the mean; each world has a fixed probability of
+        greedy_fraction: mean share of steps on the mean; each world has a fixed probability of
             its own.
-        spell: mean number of steps until a world decides anew.
-        bold_share: share of the sampling spells that are bold.
+        noise_hold_steps: mean number of steps until a world decides anew.
+        high_noise_fraction: share of the sampling spells that are bold.
     """
 
     def __init__(
         self,
         num_worlds: int,
-        deterministic_share: float,
-        spell: float,
-        bold_share: float,
+        greedy_fraction: float,
+        noise_hold_steps: float,
+        high_noise_fraction: float,
         device: torch.device | str,
     ) -> None:
         """Begin with everybody sampling."""
-        self.probability = deterministic_schedule(num_worlds, deterministic_share).to(device)
-        self.spell, self.bold_share = spell, bold_share
+        self.probability = sampling_probability(num_worlds, greedy_fraction).to(device)
+        self.noise_hold_steps, self.high_noise_fraction = noise_hold_steps, high_noise_fraction
         self.kind = torch.full((num_worlds,), SAMPLED, device=device)
-        """(N,) ``MEAN``, ``SAMPLED`` or ``BOLD``."""
-        self.boldness = 1.0
+        """(N,) ``MEAN``, ``SAMPLED`` or ``HIGH_NOISE``."""
+        self.high_noise_scale = 1.0
         """Factor on the exploration std in bold spells."""
 
     def advance(self) -> torch.Tensor:
         """(N,) factors on the exploration std for the next step, 0 where it is to be the mean."""
         sample, bold, anew = torch.rand(3, len(self.kind), device=self.kind.device)
-        drawn = torch.where(bold < self.bold_share, BOLD, SAMPLED)
+        drawn = torch.where(bold < self.high_noise_fraction, HIGH_NOISE, SAMPLED)
         drawn = torch.where(sample < self.probability, drawn, MEAN)
-        self.kind = torch.where(anew * self.spell < 1.0, drawn, self.kind)
-        return torch.where(self.kind == BOLD, self.boldness, self.kind)
+        self.kind = torch.where(anew * self.noise_hold_steps < 1.0, drawn, self.kind)
+        return torch.where(self.kind == HIGH_NOISE, self.high_noise_scale, self.kind)
 
 
-def deterministic_schedule(num_worlds: int, share: float) -> torch.Tensor:
+def sampling_probability(num_worlds: int, share: float) -> torch.Tensor:
     """(N,) probability that a world samples its action: 1 - exp(k (i/(N-1) - 1)), k such that the
     mean is 1 - ``share``.
 

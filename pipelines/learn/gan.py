@@ -13,20 +13,20 @@ from lacoloco.pipelines.learn.discriminator import classification
 
 @dataclass(frozen=True)
 class GanConfig:
-    """Width of the network and its regularisers.
+    """Network and regularisers.
 
     Attributes:
-        hidden: widths of the hidden layers.
-        noise: std of the instance noise (Arjovsky & Bottou, 2017) on normalised transitions of both
-            kinds. Without it the jitter of exploration alone tells the policy from any
+        hidden: Widths of the hidden layers.
+        noise: Standard deviation of the instance noise (Arjovsky & Bottou, 2017) on normalised
+            transitions of both kinds. Without it exploration noise alone tells the policy from a
             demonstration.
-        samples: noises per transition; its logit is their mean.
-        gradient_penalty: the original's is 5 (facts 4). Here the logits then stay within 0.1 of
-            zero, and the encoder's reward drowns the imitation reward: see the log in the README.
-        logit_decay: on the weights of the last layer.
-        max_accuracy: of demonstrations and policy together, beyond which it does not learn
-            (``discriminator.py``). A policy that only stands is told from clips that stand for a
-            fifth of the time with 89 %: held back at 75 %, it may go on standing.
+        samples: Noise samples per transition; its logit is their mean.
+        gradient_penalty: Weight of the gradient penalty. The original's code has 5. Here the logits
+            then stay within 0.1 of zero, and the encoder's reward dominates (see LOG.md).
+        logit_decay: Weight decay of the last layer.
+        max_accuracy: Accuracy above which the discriminator does not learn. A policy that only
+            stands is told from clips that stand for a fifth of the time with 89 %. With a limit of
+            75 % it may go on standing.
     """
 
     hidden: tuple[int, ...] = (256, 128)
@@ -48,19 +48,19 @@ class GanDiscriminator(nn.Module):
         self.config = config
         self.mlp = MLP(transition_dim, 1, list(config.hidden), "elu")
 
-    def logits(self, transition: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def logits(self, transition: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(n, 2F) normalised transitions -> (n,) log-odds."""
         shape = (len(transition), self.config.samples, transition.shape[-1])
-        noise = torch.randn(shape, generator=draw, device=draw.device)
+        noise = torch.randn(shape, generator=generator, device=generator.device)
         return self.mlp(transition[:, None] + self.config.noise * noise).mean(dim=(1, 2))
 
     def loss(
-        self, agent: torch.Tensor, demo: torch.Tensor, draw: torch.Generator
+        self, agent: torch.Tensor, demo: torch.Tensor, generator: torch.Generator
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """Cross-entropy + gradient penalty E_demo |grad_x logit|^2 + decay of the logit layer."""
         demo = demo.detach().requires_grad_(True)
-        demo_logits = self.logits(demo, draw)
-        bce, figures = classification(self.logits(agent, draw), demo_logits)
+        demo_logits = self.logits(demo, generator)
+        bce, figures = classification(self.logits(agent, generator), demo_logits)
         (slope,) = torch.autograd.grad(demo_logits.sum(), demo, create_graph=True)
         penalty = slope.square().sum(dim=-1).mean()
         decay = self.mlp[-1].weight.square().sum()

@@ -14,11 +14,11 @@ def project(unnormalized: torch.Tensor) -> torch.Tensor:
     return torch.nn.functional.normalize(unnormalized, dim=-1, eps=1e-8)
 
 
-def sample_latents(count: int, dim: int, draw: torch.Generator) -> torch.Tensor:
+def sample_latents(count: int, dim: int, generator: torch.Generator) -> torch.Tensor:
     """(count, dim) uniform on the unit sphere: a normalised standard Gaussian, on the generator's
     device.
     """
-    return project(torch.randn(count, dim, generator=draw, device=draw.device))
+    return project(torch.randn(count, dim, generator=generator, device=generator.device))
 
 
 def latent_usage(chosen: torch.Tensor) -> dict[str, float]:
@@ -42,25 +42,25 @@ def latent_usage(chosen: torch.Tensor) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class LatentConfig:
-    """How latents are drawn.
+    """How latents are sampled.
 
     Attributes:
-        dim: dimension of z.
-        min_steps: fewest control steps for which one is held.
-        max_steps: most of them.
-        wander: steps of the slowest and of the fastest wandering latent, the standard deviation of
-            what is added to the unit vector. At 0.03 a skill lasts, at 1 the skills blur into
-            something that is none of them: a high level does both.
-        wander_steps: control steps between two such steps.
-        jump: share of the steps that lead anywhere instead.
+        dim: Dimension of a latent.
+        min_steps: Shortest time for which a latent is held [control steps].
+        max_steps: Longest time for which a latent is held [control steps].
+        random_walk_step_size: Step sizes of the slowest and of the fastest latent random walk: the
+            standard deviation of what is added to the unit vector. At 0.03 a skill lasts, at 1
+            skills blend. A high level does both.
+        random_walk_steps: Time between two steps of a random walk [control steps].
+        resample_probability: Share of the steps of a random walk that draw a new latent instead.
     """
 
     dim: int = 7
     min_steps: int = 1
     max_steps: int = 149
-    wander: tuple[float, float] = (0.03, 1.0)
-    wander_steps: int = 5
-    jump: float = 0.05
+    random_walk_step_size: tuple[float, float] = (0.03, 1.0)
+    random_walk_steps: int = 5
+    resample_probability: float = 0.05
 
 
 class LatentSchedule:
@@ -80,19 +80,19 @@ class LatentSchedule:
         device: torch.device | str = "cpu",
     ) -> None:
         """Draw a latent (N, dim) and its duration for every world."""
-        self.config, self.draw, self.device = (
+        self.config, self.generator, self.device = (
             config,
             torch.Generator(device).manual_seed(seed),
             device,
         )
-        self.wandering = torch.zeros(num_worlds, dtype=torch.bool, device=device)
+        self.random_walk = torch.zeros(num_worlds, dtype=torch.bool, device=device)
         """(N,) bool, which worlds wander; none until somebody says so."""
         # Multiples of the golden ratio: evenly spread over whichever worlds wander.
         place = torch.arange(num_worlds, device=device) * 0.6180339887498949 % 1.0
-        slowest, fastest = config.wander
-        self.stride = slowest * (fastest / slowest) ** place
+        slowest, fastest = config.random_walk_step_size
+        self.step_size = slowest * (fastest / slowest) ** place
         """(N,) how far a world's latent wanders at once."""
-        self.z = sample_latents(num_worlds, config.dim, self.draw)
+        self.z = sample_latents(num_worlds, config.dim, self.generator)
         self.remaining = self._durations(torch.arange(num_worlds, device=device))
 
     def advance(self, done: torch.Tensor) -> None:
@@ -108,27 +108,28 @@ class LatentSchedule:
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Latents, remaining steps, generator."""
-        return {"z": self.z, "remaining": self.remaining, "draw": self.draw.get_state()}
+        return {"z": self.z, "remaining": self.remaining, "generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore :meth:`state_dict`."""
         self.z, self.remaining = state["z"].to(self.device), state["remaining"].to(self.device)
-        self.draw.set_state(state["draw"])
+        self.generator.set_state(state["generator"])
 
     def _next(self, worlds: torch.Tensor, done: torch.Tensor) -> torch.Tensor:
         fresh = torch.randn(
-            len(worlds), self.config.dim, generator=self.draw, device=self.draw.device
+            len(worlds), self.config.dim, generator=self.generator, device=self.generator.device
         )
         jumps = (
-            torch.rand(len(worlds), generator=self.draw, device=self.draw.device) < self.config.jump
+            torch.rand(len(worlds), generator=self.generator, device=self.generator.device)
+            < self.config.resample_probability
         )
-        goes_on = pick(self.wandering & ~done, worlds) & ~jumps
-        moved = pick(self.z, worlds) + pick(self.stride, worlds)[:, None] * fresh
+        goes_on = pick(self.random_walk & ~done, worlds) & ~jumps
+        moved = pick(self.z, worlds) + pick(self.step_size, worlds)[:, None] * fresh
         return project(torch.where(goes_on[:, None], moved, fresh))
 
     def _durations(self, worlds: torch.Tensor) -> torch.Tensor:
         low, high = self.config.min_steps, self.config.max_steps
         held = torch.randint(
-            low, high + 1, (len(worlds),), generator=self.draw, device=self.draw.device
+            low, high + 1, (len(worlds),), generator=self.generator, device=self.generator.device
         )
-        return torch.where(pick(self.wandering, worlds), self.config.wander_steps, held)
+        return torch.where(pick(self.random_walk, worlds), self.config.random_walk_steps, held)

@@ -7,7 +7,7 @@ import torch
 from lacoloco.pipelines.learn import parallel
 
 
-class Tally:
+class MetricAccumulator:
     """Adds figures up where they are computed, in double precision; reading them is the only wait
     for a GPU.
     """

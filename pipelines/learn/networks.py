@@ -13,15 +13,19 @@ from tensordict import TensorDict
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Hidden layers of actor and critic, activation, and the first exploration std [raw action
-    units].
+    """Actor and critic.
+
+    Attributes:
+        actor: Widths of the actor's hidden layers.
+        critic: Widths of the critic's hidden layers.
+        activation: Name of the activation function.
+        init_std: First standard deviation of the exploration noise [raw action units].
     """
 
     actor: tuple[int, ...] = (256, 128, 64)
     critic: tuple[int, ...] = (256, 128, 64)
     activation: str = "elu"
     init_std: float = 0.35
-    learn_std: bool = False
 
 
 def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> MLPModel:
@@ -35,7 +39,7 @@ def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> ML
         "class_name": "GaussianDistribution",
         "init_std": config.init_std,
         "std_type": "log",
-        "learn_std": config.learn_std,
+        "learn_std": False,
     }
     actor = _model(sizes, actions, config.actor, config.activation, distribution)
     with torch.no_grad():
@@ -58,7 +62,7 @@ def example(sizes: dict[str, int], count: int = 1) -> TensorDict:
 
 
 def set_std(actor: MLPModel, std: float) -> None:
-    """Set the exploration std of every action (only sensible when it is not learned)."""
+    """Set the exploration std of every action."""
     with torch.no_grad():
         actor.distribution.log_std_param.fill_(float(torch.tensor(std).log()))
 

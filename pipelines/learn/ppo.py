@@ -32,18 +32,28 @@ class PpoConfig:
     """Optimisation of actor and critic.
 
     Attributes:
-        horizon: control steps per world and iteration.
-        desired_kl: the actor's learning rate is moved by 1.5 to keep the KL of each minibatch near
-            this; a trainer may lower it on the way (``Ppo.desired_kl``).
-        critic_learning_rate: fixed; the critic has its own rate because its loss says nothing about
-            the KL.
-        bound: soft limit on |mean action|, with weight ``bound_weight`` (facts 4).
-        deterministic_share: mean share of steps with the mean action; world i acts on its mean with
-            a fixed probability that rises from 0 to 1 over the worlds (facts 4, eps-greedy), so
-            that the mean is trained to work alone.
-        spell: mean number of steps until a world decides anew whether to sample. In long spells the
-            mean gets into whatever it gets into by itself, a standstill above all, and exploration
-            then begins there.
+        horizon: Steps per world and iteration.
+        epochs: Passes over a rollout.
+        minibatches: Minibatches per pass.
+        gamma: Discount per step.
+        lam: Lambda of the generalised advantage estimation.
+        clip: Clipping range of the probability ratio.
+        learning_rate: First learning rate of the actor.
+        min_learning_rate: Lower limit of the actor's learning rate.
+        max_learning_rate: Upper limit of the actor's learning rate.
+        critic_learning_rate: Learning rate of the critic. It is fixed, because the critic's loss
+            says nothing about the KL.
+        desired_kl: Target of the KL per minibatch. The actor's learning rate changes by a factor of
+            1.5 to keep it. A trainer may lower it during the training (``Ppo.desired_kl``).
+        max_grad_norm: Gradients of actor and critic are clipped to this norm, each by itself.
+        bound: Soft limit on the absolute mean action [raw action units].
+        bound_weight: Weight of the squared excess over that limit; 0: no limit.
+        greedy_fraction: Mean share of steps with the mean action. World i acts on its mean with a
+            fixed probability that rises from 0 to 1 over the worlds (the original's code has 0.1).
+        noise_hold_steps: Mean number of steps until a world decides again whether and how far it
+            explores. In long phases the mean reaches the states that it reaches by itself, above
+            all a standstill, and exploration starts there.
+        high_noise_fraction: Share of the exploring phases with the larger noise.
     """
 
     horizon: int = 32
@@ -57,13 +67,12 @@ class PpoConfig:
     max_learning_rate: float = 2e-3
     critic_learning_rate: float = 1e-3
     desired_kl: float = 0.01
-    entropy: float = 0.0
     max_grad_norm: float = 1.0
     bound: float = 1.1
     bound_weight: float = 0.0
-    deterministic_share: float = 0.0
-    spell: float = 1.0
-    bold_share: float = 0.0
+    greedy_fraction: float = 0.0
+    noise_hold_steps: float = 1.0
+    high_noise_fraction: float = 0.0
 
 
 class Ppo(PPO):
@@ -106,7 +115,11 @@ class Ppo(PPO):
         self.optimizer = torch.optim.Adam(groups, fused=True)
         self._set_learning_rate(config.learning_rate)
         self.exploration = Exploration(
-            num_worlds, config.deterministic_share, config.spell, config.bold_share, device
+            num_worlds,
+            config.greedy_fraction,
+            config.noise_hold_steps,
+            config.high_noise_fraction,
+            device,
         )
         self.desired_kl = config.desired_kl
         self.actor_learns = True
@@ -206,8 +219,10 @@ class Ppo(PPO):
         return None
 
     def update(self) -> dict[str, float]:
-        """Several epochs over shuffled minibatches of all worlds (facts 9.2, B10); returns mean
-        figures.
+        """Several epochs over shuffled minibatches; returns mean metrics.
+
+        Every minibatch draws from all worlds and steps; in the original's code each is one part of
+        the worlds.
         """
         config, totals, count = self.config, {}, 0
         for batch in self.storage.mini_batch_generator(config.minibatches, config.epochs):
@@ -263,8 +278,6 @@ class Ppo(PPO):
         surrogate = -(torch.minimum(ratio * gain, clipped * gain) * weight).sum()
         loss = surrogate + value
         figures = {"surrogate": surrogate, "value": value}
-        if config.entropy:
-            loss = loss - config.entropy * std.log().sum(dim=-1).mean()
         if config.bound_weight:
             excess = (mean.abs() - config.bound).clamp_min(0.0).square().sum(dim=-1)
             loss = loss + config.bound_weight * (excess * weight).sum()

@@ -20,7 +20,7 @@ class ReplayBuffer:
     ) -> None:
         """Allocate an empty memory."""
         self.data = torch.zeros(capacity, transition_dim, device=device)
-        self.size, self.draw = 0, torch.Generator(device).manual_seed(seed)
+        self.size, self.generator = 0, torch.Generator(device).manual_seed(seed)
 
     def add(self, transitions: torch.Tensor) -> None:
         """Store (n, 2F) transitions; n may not exceed the capacity."""
@@ -30,12 +30,16 @@ class ReplayBuffer:
         self.size += head
         rest = transitions[head:]
         if len(rest):
-            slots = torch.randperm(len(self.data), generator=self.draw, device=self.data.device)
+            slots = torch.randperm(
+                len(self.data), generator=self.generator, device=self.data.device
+            )
             self.data[slots[: len(rest)]] = rest
 
     def sample(self, count: int) -> torch.Tensor:
         """(count, 2F) uniform with replacement; the memory must not be empty."""
-        rows = torch.randint(0, self.size, (count,), generator=self.draw, device=self.data.device)
+        rows = torch.randint(
+            0, self.size, (count,), generator=self.generator, device=self.data.device
+        )
         return self.data[rows]
 
     def state_dict(self) -> dict[str, torch.Tensor]:
@@ -44,11 +48,11 @@ class ReplayBuffer:
         """
         row_bytes = self.data.shape[1] * self.data.element_size()
         stride = max(1, -(-self.size * row_bytes // STATE_BYTES))
-        return {"data": self.data[: self.size : stride], "draw": self.draw.get_state()}
+        return {"data": self.data[: self.size : stride], "generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore :meth:`state_dict`."""
         data = state["data"][: len(self.data)]
         self.size = len(data)
         self.data[: self.size] = data.to(self.data.device)
-        self.draw.set_state(state["draw"])
+        self.generator.set_state(state["generator"])

@@ -25,11 +25,11 @@ class WindowConfig:
     """What one latent describes.
 
     Attributes:
-        steps: length of a window in control steps.
-        ahead: the latent of a window stands for every moment of its first ``ahead`` steps, so that
-            it says what is being done and not at which phase of a stride.
-        frames: equally spaced frames of a window that are looked at.
-        hidden: widths of the embedding's hidden layers.
+        steps: Length of a window [control steps].
+        ahead: The latent of a window stands for every moment of its first part of this length
+            [control steps]. So it says which skill is shown, not at which phase of it.
+        frames: Equally spaced frames of a window that the embedding sees.
+        hidden: Widths of the embedding's hidden layers.
     """
 
     steps: int = 50
@@ -39,7 +39,7 @@ class WindowConfig:
 
 
 @dataclass(frozen=True)
-class Timeline:
+class FlattenedClips:
     """Style frames of all clips in a row: (M, F), and the row of the last frame of the clip that
     each belongs to (M,).
     """
@@ -51,7 +51,7 @@ class Timeline:
 class SkillEmbedding(nn.Module):
     """Windows of a timeline -> unit latents."""
 
-    def __init__(self, timeline: Timeline, latent_dim: int, config: WindowConfig) -> None:
+    def __init__(self, timeline: FlattenedClips, latent_dim: int, config: WindowConfig) -> None:
         """Build an ELU MLP over normalised frames; the timeline itself is not part of the state."""
         super().__init__()
         frames = timeline.frames
@@ -70,14 +70,14 @@ class SkillEmbedding(nn.Module):
         rows = torch.minimum(starts[:, None] + self._offsets, self._last[starts][:, None])
         return project(self.mlp(self._normalized[rows].flatten(1)))
 
-    def moments(self, starts: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def moments(self, starts: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(n,) rows, each drawn from the moments for which the latent of the window at ``starts``
         stands.
 
         The last frame of a clip is never among them: every moment has a next frame.
         """
         ahead = torch.randint(
-            0, self.config.ahead + 1, starts.shape, generator=draw, device=draw.device
+            0, self.config.ahead + 1, starts.shape, generator=generator, device=generator.device
         )
         return torch.minimum(starts + ahead, self._last[starts] - 1)
 
@@ -88,16 +88,19 @@ class LabelledTransitions:
     """
 
     def __init__(
-        self, timeline: Timeline, embedding: SkillEmbedding, starts: Callable[[int], torch.Tensor]
+        self,
+        timeline: FlattenedClips,
+        embedding: SkillEmbedding,
+        starts: Callable[[int], torch.Tensor],
     ) -> None:
         """``starts(n)`` draws n rows of the timeline."""
         self.frames, self.embedding, self.starts = timeline.frames, embedding, starts
 
     @torch.no_grad()
-    def __call__(self, count: int, draw: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    def __call__(self, count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         """(count, 2F) raw transitions, older frame first, and (count, dim) latents."""
         starts = self.starts(count)
-        rows = self.embedding.moments(starts, draw)
+        rows = self.embedding.moments(starts, generator)
         return torch.cat((self.frames[rows], self.frames[rows + 1]), dim=-1), self.embedding(starts)
 
 

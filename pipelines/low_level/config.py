@@ -1,4 +1,4 @@
-"""What a low level's training is told."""
+"""Settings of low-level training."""
 
 from __future__ import annotations
 
@@ -16,46 +16,48 @@ class TrainLowConfig:
     """Low-level training.
 
     Attributes:
-        cat: constrain the foot forces (Constraints as Terminations).
-        cat_ramp: shares of the training between which the constraint rises to full strength.
-        clip_share: share of resets that start inside a clip.
-        episode_s: seconds until a time-out. Far shorter than the original's 10 s: a policy that
-            cannot walk yet leaves a clip's motion within tenths of a second, and only just after a
-            reset can it learn to stay in it longer.
-        rehearsal: share of the worlds that live as they will under a high level:
-            ``low_level.REHEARSAL_S`` from a standing start, with latents that wander, slowly in
-            some worlds and fast in others.
-        rehearsal_from: share of the training after which they do. A beginner that falls at every
-            change learns to stand.
-        randomisation: factor on the spread of masses, centres of mass and friction; evaluation is
-            at 1.
-        second_chances: share of falls after which the world is put back to shortly before, again
-            and again.
-        push: how hard the robot is pushed, where it is at all [m/s, rad/s]; evaluation pushes with
-            0.25.
-        push_every_s: seconds between two pushes.
-        std: exploration std at the start and at the end, in raw action units (x action scale =
-            rad).
-        std_between: shares of the training between which it falls from the first to the second.
-        settle: what the KL target falls to, as a share of itself, and the shares of the training
-            between which it does. At full stride the skills go round in circles: 94 % of the
-            latents walk, half a million samples later 27 %.
-        warm_start: gradient steps of behaviour cloning on actions inferred from the clips, before
-            everything else; 0 begins with a random network and meaningless latents, as the paper
-            does.
-        beginnings: share of the cloned windows that start where a clip begins. Everything a high
-            level does begins standing, and one moment in five hundred of a clip is too little to
-            learn from.
-        head_start: share of the training in which critic, discriminator and encoder learn alone.
-            What was cloned is precise to a fraction of the exploration std, and the first
-            advantages of an untrained critic would undo it.
-        windows: what a latent describes while the clips are cloned.
-        skill_shares: skill name -> share of demonstrations and clip resets; empty: by duration.
-        coverage_every: samples between two measurements of the deterministic skill coverage (0:
-            only at the end).
-        coverage_latents: latents held in each of them.
-        choose_from: share of the training after which every policy measured may be the one that is
-            kept (``selection.py``); the constraint should be in force by then.
+        worlds: Parallel worlds.
+        samples: Control steps of the whole training, over all worlds.
+        cat: Constrain the foot forces (Constraints as Terminations).
+        cat_ramp: Shares of the training between which the constraint rises to full strength.
+        clip_share: Share of resets that start inside a clip.
+        episode_s: Time-out of an episode [s]. The original's code has 10 s. A policy that cannot
+            walk yet leaves a clip's motion within tenths of a second, and learns to stay in it
+            longer only just after a reset.
+        long_horizon_fraction: Share of the worlds with long-horizon episodes: 10 s from a standing
+            start, with latents that follow a random walk, as under a high level.
+        long_horizon_from: Share of the training after which these worlds have them. An untrained
+            policy that falls at every change of latent learns to stand.
+        randomisation: Factor on the spread of masses, centres of mass and friction; evaluation has
+            a factor of 1.
+        restart_probability: Share of falls after which a world restarts from a snapshot of up to
+            1 s before.
+        push: Largest change of velocity by a push, where the task has pushes [m/s, rad/s];
+            evaluation has 0.25.
+        push_every_s: Shortest and longest time between two pushes [s].
+        exploration_std: Standard deviation of the exploration noise [raw action units; times the
+            action scale: rad].
+        kl_anneal: What the KL target falls to, as a share of itself, and the shares of the training
+            between which it falls. With a constant KL target the skills do not settle: 94 % of the
+            latents walk, and half a million samples later 27 %.
+        bc_steps: Gradient steps of behaviour-cloning pretraining on actions inferred from the
+            clips. 0 starts from a random network and latents without a meaning, as in the paper.
+        bc_clip_start_fraction: Share of the cloned windows that start where a clip starts. All
+            tasks of a high level start from standing, and clips rarely show that.
+        critic_warmup: Share of the training in which critic, discriminator and encoder learn, but
+            not the actor. The first advantages of an untrained critic would undo the pretraining.
+        windows: What a latent describes while the clips are cloned.
+        skill_shares: Pairs of a skill's name and its share of demonstrations and of resets into
+            clips. Empty: by duration.
+        coverage_every: Control steps between two measurements of the skill coverage. 0: only at the
+            end.
+        coverage_latents: Latents held in each measurement.
+        choose_from: Share of the training after which a measured policy may become the one that is
+            kept. The constraint should be at full strength by then.
+        latents: How latents are sampled.
+        ppo: Optimisation of actor and critic.
+        networks: Actor and critic.
+        ase: Discriminator and encoder.
     """
 
     worlds: int = 512
@@ -64,18 +66,17 @@ class TrainLowConfig:
     cat_ramp: tuple[float, float] = (0.3, 0.5)
     clip_share: float = 0.7
     episode_s: float = 2.0
-    rehearsal: float = 0.5
-    rehearsal_from: float = 0.3
+    long_horizon_fraction: float = 0.5
+    long_horizon_from: float = 0.3
     randomisation: float = 1.5
-    second_chances: float = 0.9
+    restart_probability: float = 0.9
     push: float = 0.3
     push_every_s: tuple[float, float] = (1.0, 3.0)
-    std: tuple[float, float] = (0.05, 0.05)
-    std_between: tuple[float, float] = (0.4, 0.9)
-    settle: tuple[float, float, float] = (0.1, 0.6, 1.0)
-    warm_start: int = 3000
-    beginnings: float = 0.2
-    head_start: float = 0.03
+    exploration_std: float = 0.05
+    kl_anneal: tuple[float, float, float] = (0.1, 0.6, 1.0)
+    bc_steps: int = 3000
+    bc_clip_start_fraction: float = 0.2
+    critic_warmup: float = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)
     skill_shares: tuple[tuple[str, float], ...] = ()
     coverage_every: int = 250_000

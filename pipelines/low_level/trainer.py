@@ -11,10 +11,10 @@ from tensordict import TensorDict
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase
-from lacoloco.pipelines.learn.behaviour_cloning import Teacher, clone
+from lacoloco.pipelines.learn.behaviour_cloning import CloningData, clone
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.latents import LatentSchedule
-from lacoloco.pipelines.learn.metric_accumulator import Tally
+from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
 from lacoloco.pipelines.learn.networks import geometric, set_std
 from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
 from lacoloco.pipelines.low_level.checkpoint_selection import Selection
@@ -23,14 +23,14 @@ from lacoloco.pipelines.masking import put, select
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, previous_actions
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.episode_restarts import Retries
+from lacoloco.pipelines.sim.episode_restarts import EpisodeRestarts
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
 from lacoloco.pipelines.sim.tasks import Task, imitate_task
 from lacoloco.robots.spec import RobotSpec
 
-REHEARSAL_S = 10.0
+LONG_HORIZON_S = 10.0
 """Length of the episodes of the reach task [s]."""
 
 
@@ -54,12 +54,15 @@ class LowTrainer:
         )
         self.env.stagger()
         self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)
-        self.retries = Retries(self.env, config.latents.dim, config.second_chances, seed=seed + 4)
-        self.rehearsing = (
-            torch.arange(config.worlds, device=device) < config.rehearsal * config.worlds
+        self.restarts = EpisodeRestarts(
+            self.env, config.latents.dim, config.restart_probability, seed=seed + 4
+        )
+        self.long_horizon = (
+            torch.arange(config.worlds, device=device)
+            < config.long_horizon_fraction * config.worlds
         )
         self.terminations = SoftTerminations({c.name: c.max_p for c in self.env.task.constraints})
-        self.draw = torch.Generator(device).manual_seed(seed + 2)
+        self.generator = torch.Generator(device).manual_seed(seed + 2)
         sizes = {POLICY: width(self.env.terms), LATENT: config.latents.dim}
         self.algorithm = Ase(
             sizes,
@@ -72,9 +75,9 @@ class LowTrainer:
             seed=seed + 3,
             device=device,
         )
-        if config.warm_start:
+        if config.bc_steps:
             self.clips = clip_states(library)
-            timeline = self.clips.timeline()
+            timeline = self.clips.flattened()
             self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
             self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
         self.head = Head(
@@ -92,7 +95,7 @@ class LowTrainer:
         """Iterations that the budget of samples allows."""
         return max(1, round(self.config.samples / self.samples_per_iteration))
 
-    def warm_start(self) -> dict[str, float]:
+    def pretrain(self) -> dict[str, float]:
         """Begin with a policy whose latents reproduce the clips, and an encoder that reads them off
         the clips.
 
@@ -101,8 +104,8 @@ class LowTrainer:
         """
         config, env = self.config, self.env
         actions = infer_actions(self.spec, self.clips, env.task.action_scale)
-        teacher = Teacher(
-            self.clips.timeline().frames,
+        data = CloningData(
+            self.clips.flattened().frames,
             previous_actions(self.clips, actions),
             actions,
             noise_scale(env.terms).to(env.device),
@@ -110,22 +113,22 @@ class LowTrainer:
         error = clone(
             self.algorithm.actor,
             self.embedding,
-            teacher,
+            data,
             self._cloned,
-            steps=config.warm_start,
-            draw=self.draw,
+            steps=config.bc_steps,
+            generator=self.generator,
         )
         parallel.copy_from_first(self.algorithm.actor, self.embedding)
         return {
             "clone_error": error,
-            "clone_cosine": self.algorithm.fit_encoder(config.warm_start // 4),
+            "clone_cosine": self.algorithm.fit_encoder(config.bc_steps // 4),
         }
 
     def demonstrations(self, count: int) -> torch.Tensor:
         """(count, 2F) clean style transitions of the clips, older frame first, like the agent's
         (facts 9.2, B1).
         """
-        before, after = self.motions.sample_transitions(count, CONTROL_DT, generator=self.draw)
+        before, after = self.motions.sample_transitions(count, CONTROL_DT, generator=self.generator)
         return torch.cat(
             [style_frame(RobotState.from_motion(frames)) for frames in (before, after)], dim=-1
         )
@@ -133,44 +136,43 @@ class LowTrainer:
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
         config, env, algorithm = self.config, self.env, self.algorithm
-        if progress >= config.rehearsal_from:
-            self._rehearse()
-        algorithm.actor_learns = not config.warm_start or progress >= config.head_start
-        std = geometric(config.std, ramp(progress, *config.std_between))
-        set_std(algorithm.actor, std)
-        calm, begin, end = config.settle
+        if progress >= config.long_horizon_from:
+            self._lengthen_episodes()
+        algorithm.actor_learns = not config.bc_steps or progress >= config.critic_warmup
+        set_std(algorithm.actor, config.exploration_std)
+        calm, begin, end = config.kl_anneal
         algorithm.desired_kl = config.ppo.desired_kl * geometric(
             (1.0, calm), ramp(progress, begin, end)
         )
         strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
-        tally, fresh = Tally(), torch.zeros_like(self.rehearsing)
+        accumulator, fresh = MetricAccumulator(), torch.zeros_like(self.long_horizon)
         frame, obs = env.frame(), self._observe()
         for _ in range(config.ppo.horizon):
-            self.retries.keep(self.latents.z)
+            self.restarts.snapshot(self.latents.z)
             step = env.step(algorithm.act(obs))
             next_obs = self._observe()
             delta = self.terminations(step.violations, strength) if step.violations else None
             algorithm.record_transition(frame, step.frame, step.valid)
             algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
             speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
-            tally.add(
-                falls=(step.fell & ~self.retries.returned).sum(),
+            accumulator.add(
+                falls=(step.fell & ~self.restarts.returned).sum(),
                 speed=speed,
                 delta=None if delta is None else delta.mean(),
             )
-            tally.add(
+            accumulator.add(
                 **{f"violation_{name}": share for name, share in self.terminations.violated.items()}
             )
-            again = self.retries.choose(step.fell)
+            again = self.restarts.select(step.fell)
             env.reset(step.done)
             fresh |= step.done & ~again
             self.latents.advance(step.done)
-            self.latents.z = self.retries.put_back(again, self.latents.z)
+            self.latents.z = self.restarts.restore(again, self.latents.z)
             frame, obs = env.frame(), self._observe()
         env.redraw(fresh)
         algorithm.compute_returns(obs)
         figures = algorithm.update()
-        sums = tally.read()
+        sums = accumulator.read()
         self.recent_falls.append(sums["falls"] * parallel.size())
         return (
             figures
@@ -188,26 +190,28 @@ class LowTrainer:
                     f"c_max_{name}": float(worst.max())
                     for name, worst in self.terminations.c_max.items()
                 },
-                "std": std,
+                "std": config.exploration_std,
             }
         )
 
-    def _rehearse(self) -> None:
-        worlds = select(self.rehearsing)
-        put(self.env.episode_steps, worlds, round(REHEARSAL_S / CONTROL_DT))
+    def _lengthen_episodes(self) -> None:
+        worlds = select(self.long_horizon)
+        put(self.env.episode_steps, worlds, round(LONG_HORIZON_S / CONTROL_DT))
         put(self.env.clip_share, worlds, 0.0)
-        self.latents.wandering = self.rehearsing
+        self.latents.random_walk = self.long_horizon
 
     def _starts(self, count: int) -> torch.Tensor:
         """(count,) rows of the clips' states, drawn as demonstrations are."""
-        return self.clips.rows(*self.motions.sample(count, generator=self.draw, margin=CONTROL_DT))
+        return self.clips.rows(
+            *self.motions.sample(count, generator=self.generator, margin=CONTROL_DT)
+        )
 
     def _cloned(self, count: int) -> torch.Tensor:
         """(count,) rows at which the windows to be cloned start: some at the beginning of a clip,
         the others anywhere.
         """
-        clips, times = self.motions.sample(count, generator=self.draw, margin=CONTROL_DT)
-        times[: round(self.config.beginnings * count)] = 0.0
+        clips, times = self.motions.sample(count, generator=self.generator, margin=CONTROL_DT)
+        times[: round(self.config.bc_clip_start_fraction * count)] = 0.0
         return self.clips.rows(clips, times)
 
     def _examine(self, progress: float) -> dict[str, float]:
@@ -250,11 +254,11 @@ class LowTrainer:
             "env": self.env.state_dict(),
             "latents": self.latents.state_dict(),
             "terminations": self.terminations.state_dict(),
-            "retries": self.retries.state_dict(),
-            "draw": self.draw.get_state(),
+            "restarts": self.restarts.state_dict(),
+            "generator": self.generator.get_state(),
             "recent_falls": self.recent_falls,
             "chosen": self.selection.chosen,
-        } | ({"embedding": self.embedding.state_dict()} if self.config.warm_start else {})
+        } | ({"embedding": self.embedding.state_dict()} if self.config.bc_steps else {})
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
@@ -262,11 +266,11 @@ class LowTrainer:
         self.env.load_state_dict(state["env"])
         self.latents.load_state_dict(state["latents"])
         self.terminations.load_state_dict(state["terminations"])
-        self.retries.load_state_dict(state["retries"])
-        self.draw.set_state(state["draw"])
+        self.restarts.load_state_dict(state["restarts"])
+        self.generator.set_state(state["generator"])
         self.recent_falls = list(state["recent_falls"])
         self.selection.chosen = state["chosen"]
-        if self.config.warm_start:
+        if self.config.bc_steps:
             self.embedding.load_state_dict(state["embedding"])
 
     def _observe(self) -> TensorDict:
@@ -283,7 +287,7 @@ class LowTrainer:
                 torch.ones(self.env.num_worlds, dtype=torch.bool, device=self.env.device)
             )
             for _ in range(4):
-                spread = self.config.std[0] * torch.randn(
+                spread = self.config.exploration_std * torch.randn(
                     self.env.num_worlds, self.env.num_actions, device=self.env.device
                 )
                 self.env.step(spread)

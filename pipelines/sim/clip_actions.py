@@ -15,7 +15,7 @@ import torch
 
 from lacoloco.datasets import rotations
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines.learn.skill_embedding import Timeline
+from lacoloco.pipelines.learn.skill_embedding import FlattenedClips
 from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest
 from lacoloco.pipelines.sim.state import RobotState, style_frame
@@ -51,9 +51,11 @@ class ClipStates:
         """(M,) control steps from each row to the last one of its clip."""
         return self.last - torch.arange(len(self.last), device=self.last.device)
 
-    def timeline(self) -> Timeline:
+    def flattened(self) -> FlattenedClips:
         """The style frames, as the skill embedding looks at them."""
-        return Timeline(style_frame(RobotState.from_generalized(self.qpos, self.qvel)), self.last)
+        return FlattenedClips(
+            style_frame(RobotState.from_generalized(self.qpos, self.qvel)), self.last
+        )
 
     def rows(self, clips: torch.Tensor, times: torch.Tensor) -> torch.Tensor:
         """(n,) rows nearest to ``times`` [s] in the clips with numbers ``clips``, (n,) each."""

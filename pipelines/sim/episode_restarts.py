@@ -26,7 +26,7 @@ begins without any.
 """
 
 
-class Retries:
+class EpisodeRestarts:
     """Snapshots of all worlds, with the latents in force, and the way back to them."""
 
     def __init__(
@@ -40,10 +40,10 @@ class Retries:
             latent_dim: d.
             chance: of a fall being undone.
             seed: of whom luck favours.
-            hold: control steps from one call of :meth:`keep` to the next, a divisor of ``PERIOD``.
+            hold: control steps from one call of :meth:`snapshot` to the next; divides ``PERIOD``.
         """
         self.env, self.chance, self.period = env, chance, PERIOD // hold
-        self.draw = torch.Generator(env.device).manual_seed(seed)
+        self.generator = torch.Generator(env.device).manual_seed(seed)
         self._count = 0
         widths = {
             "qpos": 7 + env.num_actions,
@@ -64,7 +64,7 @@ class Retries:
         self._slot = torch.zeros(env.num_worlds, dtype=torch.long, device=env.device)
         self._numbers = torch.arange(env.num_worlds, device=env.device)
 
-    def keep(self, latent: torch.Tensor) -> None:
+    def snapshot(self, latent: torch.Tensor) -> None:
         """Call before every step, with the latents (N, d) that it will be taken under."""
         if self._count % self.period == 0:
             slot = self._count // self.period % DEPTH
@@ -72,14 +72,14 @@ class Retries:
                 self._kept[name][slot] = value
         self._count += 1
 
-    def choose(self, fell: torch.Tensor, missed: torch.Tensor | None = None) -> torch.Tensor:
+    def select(self, fell: torch.Tensor, missed: torch.Tensor | None = None) -> torch.Tensor:
         """(N,) bool, those of the fallen worlds (N,) bool and of those that missed that are to try
         again. Call before a reset.
 
         Lucky ones, and old enough, or put back before and fallen again: those go back to where they
         went back to. Whoever missed goes back to where its episode began.
         """
-        lucky = torch.rand(len(fell), generator=self.draw, device=fell.device) < self.chance
+        lucky = torch.rand(len(fell), generator=self.generator, device=fell.device) < self.chance
         if self._count < self.period * DEPTH:
             return torch.zeros_like(fell)
         old = self.env.steps > PERIOD * DEPTH
@@ -92,7 +92,7 @@ class Retries:
         self._slot = self._slot.masked_fill(missed, START)
         return again | missed & lucky & self._begun
 
-    def put_back(self, mask: torch.Tensor, latent: torch.Tensor) -> torch.Tensor:
+    def restore(self, mask: torch.Tensor, latent: torch.Tensor) -> torch.Tensor:
         """Undo the reset of the worlds in ``mask`` (N,) bool; returns the latents (N, d) with
         theirs as they were.
         """
@@ -115,13 +115,17 @@ class Retries:
         """Snapshots, their count, generator."""
         small = sum(values.nbytes for values in self._kept.values()) <= STATE_BYTES
         kept = {**self._kept, "returned": self.returned, "begun": self._begun} if small else {}
-        return {"count": self._count if small else 0, "draw": self.draw.get_state(), **kept}
+        return {
+            "count": self._count if small else 0,
+            "generator": self.generator.get_state(),
+            **kept,
+        }
 
     def load_state_dict(self, state: dict[str, object]) -> None:
         """Restore :meth:`state_dict`; without snapshots if it holds none, or those of a version
         that kept no beginnings.
         """
-        self.draw.set_state(state["draw"])
+        self.generator.set_state(state["generator"])
         if "begun" not in state:
             return
         self._count = int(state["count"])

@@ -9,7 +9,7 @@ from tensordict import TensorDict
 
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
-from lacoloco.pipelines.learn.metric_accumulator import Tally
+from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
 from lacoloco.pipelines.learn.networks import geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo
 from lacoloco.pipelines.masking import perhaps_any
@@ -102,7 +102,7 @@ class TrackerTrainer:
         Returns:
             Sums over the rollout of the mean reward, of early terminations and of falls.
         """
-        env, algorithm, tally = self.env, self.algorithm, Tally()
+        env, algorithm, tally = self.env, self.algorithm, MetricAccumulator()
         reward_scale = 1.0 - self.config.ppo.gamma
         obs = env.observe()
         for _ in range(self.config.ppo.horizon):

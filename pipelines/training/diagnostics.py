@@ -114,7 +114,7 @@ def policy_just_stands(history: History) -> str | None:
         return (
             f"policy just stands: {stands:.0%} of the latents stand from a standing start, "
             f"{clips:.0%} of the clips; try"
-            " more warm_start, fewer resets into clips (clip_share) or more exploration (std)"
+            " more bc_steps, fewer resets into clips (clip_share) or more exploration (std)"
         )
     return None
 

@@ -22,7 +22,7 @@ from lacoloco.pipelines.training.diagnostics import Figures
 
 CHECKPOINT = "lacoloco/checkpoint"
 CHECKPOINT_SECONDS = 60.0
-INDIVIDUAL = ("env", "latent", "latents", "retries", "exploring", "draw")
+INDIVIDUAL = ("env", "latent", "latents", "restarts", "exploring", "generator")
 """Parts of a trainer's state that every process of a training has for itself: its worlds and its
 generators.
 """

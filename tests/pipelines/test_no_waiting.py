@@ -23,7 +23,7 @@ from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level import trainer as low_level
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.sim import env
-from lacoloco.pipelines.sim import episode_restarts as retries
+from lacoloco.pipelines.sim import episode_restarts as restarts
 from lacoloco.pipelines.train_low import smoke as smoke_low
 
 READS = (
@@ -113,7 +113,7 @@ def make_trainer(solo12, monkeypatch):
 
     def factory(kind, device="cpu"):
         if device == "cpu":
-            for module in (env, latents, low_level, ppo, retries):
+            for module in (env, latents, low_level, ppo, restarts):
                 monkeypatch.setattr(module, "select", lambda mask: mask)
             for module in (experts, high_level):
                 monkeypatch.setattr(module, "perhaps_any", lambda mask: True)

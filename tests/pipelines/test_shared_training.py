@@ -26,7 +26,7 @@ def work(path):
         config = shared(replace(smoke(), cat_ramp=(0.0, 0.5)))
         seed = parallel.own_seed(0)
         trainer = LowTrainer(spec, MotionLibrary(clips), config, seed=seed, device="cpu")
-        trainer.warm_start()
+        trainer.pretrain()
         figures = [trainer.iterate(progress) for progress in (0.0, 0.4, 0.8)]
         algorithm = trainer.algorithm
         state = {name: getattr(algorithm, name).state_dict() for name in (*MODULES, *OPTIMIZERS)}

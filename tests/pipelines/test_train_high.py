@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lacoloco.pipelines.high_level.config import PRICE
+from lacoloco.pipelines.high_level.config import CONTACT_FORCE_PENALTY
 from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.learn.ppo import PpoConfig
@@ -39,7 +39,7 @@ def test_the_low_level_stays_as_it_is(make_trainer, low):
     before = {name: value.clone() for name, value in low.actor.state_dict().items()}
     trainer = make_trainer()
     high = [parameter.clone() for parameter in trainer.algorithm.actor.parameters()]
-    trainer.warm_start()
+    trainer.pretrain()
     trainer.iterate(0.5)
     for name, value in low.actor.state_dict().items():
         assert torch.equal(value, before[name]), name
@@ -98,7 +98,7 @@ def test_contact_forces_above_the_limit_have_their_price(make_trainer):
     """
     rewards = []
     for price, progress in ((None, 1.0), (8.0, 1.0), (8.0, 0.35), (8.0, 0.1)):
-        trainer = make_trainer(horizon=2, force_price=price, std=(0.3, 0.3))
+        trainer = make_trainer(horizon=2, contact_force_penalty=price, std=(0.3, 0.3))
         step = trainer.env.step
 
         def violating(z, step=step):
@@ -115,9 +115,9 @@ def test_contact_forces_above_the_limit_have_their_price(make_trainer):
 
 
 def test_the_price_is_for_low_levels_that_were_constrained():
-    assert priced(smoke(), "drail-cat").force_price == PRICE
-    assert priced(smoke(), "drail").force_price == 0.0
-    assert priced(replace(smoke(), force_price=3.0), "gan").force_price == 3.0
+    assert priced(smoke(), "drail-cat").contact_force_penalty == CONTACT_FORCE_PENALTY
+    assert priced(smoke(), "drail").contact_force_penalty == 0.0
+    assert priced(replace(smoke(), contact_force_penalty=3.0), "gan").contact_force_penalty == 3.0
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_the_price_is_for_low_levels_that_were_constrained():
 )
 def test_whoever_missed_has_the_same_target_again(make_trainer, progress, error, same):
     """From a share of the training on, and if it ended further away than 0.3 m."""
-    trainer = make_trainer(horizon=1, second_chances=1.0)
+    trainer = make_trainer(horizon=1, restart_probability=1.0)
     env = trainer.env.env
     step, miss = trainer.env.step, torch.zeros(16, dtype=torch.bool)
 
@@ -165,7 +165,7 @@ def test_the_actor_waits_for_its_critic(make_trainer):
     """
     trainer = make_trainer()
     begin = [parameter.clone() for parameter in trainer.algorithm.actor.mlp.parameters()]
-    assert -1.0 <= trainer.warm_start() <= 1.0
+    assert -1.0 <= trainer.pretrain() <= 1.0
     taught = [parameter.clone() for parameter in trainer.algorithm.actor.mlp.parameters()]
     assert not all(map(torch.equal, begin, taught))
     trainer.iterate(0.0)
@@ -175,7 +175,7 @@ def test_the_actor_waits_for_its_critic(make_trainer):
 
 
 def test_some_worlds_see_without_noise(make_trainer):
-    env = make_trainer(clean=0.25).env.env
+    env = make_trainer(noise_free_fraction=0.25).env.env
     clean = (env.noise == 0.0).squeeze(-1)
     assert int(clean.sum()) == 4
     assert clean[3::4].all(), "spread over the worlds"
@@ -205,7 +205,7 @@ def test_the_use_of_latents_is_that_of_the_mean_decisions(make_trainer):
 
 def test_a_fall_is_undone_with_its_target_and_latent(make_trainer, monkeypatch):
     """And counted all the same, but not what comes of the retry."""
-    trainer = make_trainer(horizon=14, second_chances=1.0)
+    trainer = make_trainer(horizon=14, restart_probability=1.0)
     env, reality, seen = trainer.env, trainer.env.step, []
 
     def unlucky(z):
@@ -241,7 +241,7 @@ def test_contact_forces_are_counted_per_foot_and_substep(make_trainer, monkeypat
 def test_bold_spells_keep_the_std_of_the_start(make_trainer):
     trainer = make_trainer(std=(0.4, 0.1))
     trainer.iterate(1.0)
-    assert trainer.algorithm.exploration.boldness == pytest.approx(4.0)
+    assert trainer.algorithm.exploration.high_noise_scale == pytest.approx(4.0)
 
 
 def test_what_training_adds_to_the_task(make_trainer, solo12):

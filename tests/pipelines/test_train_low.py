@@ -89,16 +89,16 @@ def test_transitions_begin_where_the_one_before_ended_or_in_a_new_episode(make_t
 
 
 def test_rehearsing_worlds_live_as_under_a_high_level(make_trainer):
-    trainer = make_trainer(rehearsal=0.25, rehearsal_from=0.5, randomisation=1.5)
-    env, rehearsing = trainer.env, torch.arange(16) < 4
+    trainer = make_trainer(long_horizon_fraction=0.25, long_horizon_from=0.5, randomisation=1.5)
+    env, long_horizon = trainer.env, torch.arange(16) < 4
     trainer.iterate(0.49)
     assert (env.episode_steps == 100).all()
-    assert not trainer.latents.wandering.any()
+    assert not trainer.latents.random_walk.any()
     trainer.iterate(0.5)
-    assert (env.episode_steps[rehearsing] == 500).all()
-    assert (env.episode_steps[~rehearsing] == 100).all()
-    assert not env.clip_share[rehearsing].any()
-    assert torch.equal(trainer.latents.wandering, rehearsing)
+    assert (env.episode_steps[long_horizon] == 500).all()
+    assert (env.episode_steps[~long_horizon] == 100).all()
+    assert not env.clip_share[long_horizon].any()
+    assert torch.equal(trainer.latents.random_walk, long_horizon)
     assert env.task.randomisation.mass_scale == pytest.approx((0.7, 1.3))
 
 
@@ -161,16 +161,12 @@ def test_without_constraints_nothing_is_terminated_softly(make_trainer):
     assert not trainer.algorithm.delta.any()
 
 
-def test_exploration_narrows_on_schedule(make_trainer):
-    trainer, seen = make_trainer(std=(0.4, 0.1)), []
-    for progress in (0.0, 0.3, 0.5, 0.7, 1.0):
-        seen.append(trainer.iterate(progress)["std"])
+def test_the_exploration_noise_is_the_config_s(make_trainer):
+    trainer = make_trainer(exploration_std=0.2)
+    for progress in (0.0, 1.0):
+        assert trainer.iterate(progress)["std"] == 0.2
         std = trainer.algorithm.actor.distribution.log_std_param.exp()
-        assert torch.allclose(std, torch.tensor(seen[-1]))
-    assert seen[0] == pytest.approx(0.4)
-    assert seen[-1] == pytest.approx(0.1)
-    assert seen == sorted(seen, reverse=True)
-    assert len(set(seen)) > 2
+        assert torch.allclose(std, torch.tensor(0.2))
 
 
 def test_a_new_episode_has_a_new_latent_and_its_last_state_the_old_one(make_trainer, monkeypatch):
@@ -213,7 +209,7 @@ def test_motions_are_needed():
 
 
 def test_the_strides_of_the_policy_shorten_towards_the_end(make_trainer):
-    trainer = make_trainer(settle=(0.1, 0.5, 1.0))
+    trainer = make_trainer(kl_anneal=(0.1, 0.5, 1.0))
     seen = []
     for progress in (0.5, 0.75, 1.0):
         trainer.iterate(progress)
@@ -222,7 +218,9 @@ def test_the_strides_of_the_policy_shorten_towards_the_end(make_trainer):
 
 
 def test_what_is_cloned_begins_where_clips_begin_more_often_than_it_would(solo12, motions):
-    trainer = LowTrainer(solo12, motions, replace(smoke(), beginnings=0.25), seed=0, device="cpu")
+    trainer = LowTrainer(
+        solo12, motions, replace(smoke(), bc_clip_start_fraction=0.25), seed=0, device="cpu"
+    )
     rows = trainer._cloned(400)
     at_the_beginning = torch.isin(rows, trainer.clips.first).float().mean()
     assert 0.25 <= at_the_beginning < 0.3

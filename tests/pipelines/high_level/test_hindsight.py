@@ -6,9 +6,9 @@ import torch
 from lacoloco.datasets.rotations import from_yaw, rotate
 from lacoloco.pipelines.high_level.hindsight import (
     HindsightConfig,
-    Memory,
+    RelabellingBuffer,
     _fresh,
-    _until,
+    _segment_end,
     clone_hindsight,
     relabel,
 )
@@ -36,22 +36,22 @@ def memory(moves, worlds=64, steps=6):
     tip = place + rotate(quat.reshape(-1, 4), along.expand(steps, worlds, 3).reshape(-1, 3)).view(
         steps, worlds, 3
     )
-    return Memory(
+    return RelabellingBuffer(
         obs=torch.zeros(steps, worlds, 10),
         latent=torch.nn.functional.normalize(
             torch.randn(steps, worlds, 7, generator=draw()), dim=-1
         ),
-        tip=tip,
+        end_effector=tip,
         root_pos=place,
         root_quat=quat,
-        until=torch.full((steps, worlds), steps - 1),
-        taken_up=torch.arange(3 * worlds),
+        segment_end=torch.full((steps, worlds), steps - 1),
+        segment_starts=torch.arange(3 * worlds),
     )
 
 
 def test_a_latent_ends_with_its_hold_or_its_episode():
     ends = torch.tensor([[0, 1, 0, 0, 1, 0, 0]], dtype=torch.bool).T
-    assert _until(ends).flatten().tolist() == [1, 1, 4, 4, 4, 6, 6]
+    assert _segment_end(ends).flatten().tolist() == [1, 1, 4, 4, 4, 6, 6]
     assert _fresh(ends).flatten().tolist() == [True] * 7
     longer = torch.zeros(9, 1, dtype=torch.bool)
     longer[3] = True
@@ -88,7 +88,7 @@ def test_what_leads_nowhere_serves_nothing():
         memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), DISTANCES, 100, draw()
     )[2].any()
     ended = memory((0.2, 0.0, 0.0))
-    ended = Memory(**{**vars(ended), "until": torch.arange(6)[:, None].expand(6, 64)})
+    ended = RelabellingBuffer(**{**vars(ended), "until": torch.arange(6)[:, None].expand(6, 64)})
     assert not relabel(ended, COMMAND, DISTANCES, 100, draw())[2].any(), (
         "no later decision under the same latent"
     )
@@ -103,10 +103,10 @@ def test_a_policy_learns_which_latent_leads_where():
     upright = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(steps, worlds, 4)
     latent = torch.nn.functional.pad(direction[:, :2], (0, 5)).expand(steps, worlds, 7)
     tip = base.root_pos + 0.3 * torch.arange(steps)[:, None, None] * direction
-    moving = Memory(
+    moving = RelabellingBuffer(
         **{
             **vars(base),
-            "tip": tip,
+            "end_effector": tip,
             "latent": latent,
             "root_quat": upright,
             "obs": torch.zeros(steps, worlds, 44),

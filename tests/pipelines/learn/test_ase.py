@@ -310,7 +310,7 @@ def test_the_anchor_holds_while_the_policy_says_otherwise(make_ase):
 
     kept = {}
     for anchor in (0.0, 1.0):
-        ase = make_ase(encoder_learning_rate=3e-3, anchor=anchor)
+        ase = make_ase(encoder_learning_rate=3e-3, labelled_encoder_weight=anchor)
         ase.labelled = labelled
         ase.fit_encoder(100, batch=256)
         for _ in range(60):

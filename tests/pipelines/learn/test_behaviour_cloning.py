@@ -4,11 +4,11 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from lacoloco.pipelines.learn.behaviour_cloning import Teacher, clone
+from lacoloco.pipelines.learn.behaviour_cloning import CloningData, clone
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.learn.skill_embedding import (
+    FlattenedClips,
     SkillEmbedding,
-    Timeline,
     WindowConfig,
     uniformity,
 )
@@ -31,29 +31,29 @@ def cloned():
     last = torch.repeat_interleave((torch.arange(40) + 1) * CLIP - 1, CLIP)
     actions = torch.where(kind[:, None] == 1, 0.3, -0.3) * torch.ones(1, 2)
     embedding = SkillEmbedding(
-        Timeline(frames, last), 3, WindowConfig(steps=10, ahead=5, frames=4, hidden=(32,))
+        FlattenedClips(frames, last), 3, WindowConfig(steps=10, ahead=5, frames=4, hidden=(32,))
     )
     actor = make_actor({"policy": 8, "latent": 3}, 2, NetworkConfig(actor=(32,)))
-    teacher = Teacher(seen, torch.zeros_like(actions), actions, torch.zeros(8), 0.1)
+    data = CloningData(seen, torch.zeros_like(actions), actions, torch.zeros(8), 0.1)
 
     def starts(count):
         return torch.randint(0, len(kind) - 1, (count,), generator=draw)
 
-    error = clone(actor, embedding, teacher, starts, steps=400, batch=256, draw=draw)
-    return actor, embedding, teacher, kind, error
+    error = clone(actor, embedding, data, starts, steps=400, batch=256, generator=draw)
+    return actor, embedding, data, kind, error
 
 
 def test_the_latent_tells_which_behaviour_to_show(cloned):
-    actor, embedding, teacher, kind, error = cloned
+    actor, embedding, data, kind, error = cloned
     assert error < 0.1
-    views = torch.cat((teacher.frames, teacher.previous), dim=1)
+    views = torch.cat((data.frames, data.previous), dim=1)
     starts = torch.arange(0, len(kind), 7)
     # Each state with the latent of a window of the other kind: the latent decides, not the state.
     other = (starts + CLIP) % len(kind)
     obs = TensorDict(
         {"policy": views[starts], "latent": embedding(other)}, batch_size=[len(starts)]
     )
-    assert (actor(obs) - teacher.actions[other]).abs().mean() < 0.1
+    assert (actor(obs) - data.actions[other]).abs().mean() < 0.1
 
 
 def test_the_latents_of_the_clips_are_uniform(cloned):

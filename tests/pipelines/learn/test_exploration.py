@@ -7,12 +7,12 @@ import math
 import pytest
 import torch
 
-from lacoloco.pipelines.learn.exploration import BOLD, Exploration, deterministic_schedule
+from lacoloco.pipelines.learn.exploration import HIGH_NOISE, Exploration, sampling_probability
 
 
 def test_nine_steps_of_ten_explore():
     """Facts 9.5 (8): mean 0.900 over 4096 worlds, from always to never."""
-    probability = deterministic_schedule(4096, 0.1)
+    probability = sampling_probability(4096, 0.1)
     assert float(probability.mean()) == pytest.approx(0.9, abs=1e-3)
     assert float(probability[0]) == pytest.approx(1.0, abs=1e-4)
     assert float(probability[-1]) == 0.0
@@ -22,7 +22,7 @@ def test_nine_steps_of_ten_explore():
 
 
 def test_every_step_explores_unless_asked_otherwise():
-    assert deterministic_schedule(7, 0.0).tolist() == [1.0] * 7
+    assert sampling_probability(7, 0.0).tolist() == [1.0] * 7
     assert Exploration(7, 0.0, 1.0, 0.0, "cpu").advance().tolist() == [1.0] * 7
 
 
@@ -49,7 +49,7 @@ def test_worlds_explore_in_spells():
 def test_some_of_the_sampling_spells_are_bold():
     exploration = Exploration(4, 0.5, 10.0, 0.25, "cpu")
     exploration.probability = torch.tensor([1.0, 0.0, 1.0, 1.0])
-    exploration.boldness = 4.0
+    exploration.high_noise_scale = 4.0
     factors = seen(exploration)
     assert set(factors.unique().tolist()) == {0.0, 1.0, 4.0}
     assert not factors[:, 1].any(), "the mean is never bold"
@@ -58,6 +58,6 @@ def test_some_of_the_sampling_spells_are_bold():
 
 def test_boldness_counts_at_once():
     exploration = Exploration(3, 0.0, 1e9, 0.0, "cpu")
-    exploration.kind[1] = BOLD
-    exploration.boldness = 2.5
+    exploration.kind[1] = HIGH_NOISE
+    exploration.high_noise_scale = 2.5
     assert exploration.advance().tolist() == [1.0, 2.5, 1.0]

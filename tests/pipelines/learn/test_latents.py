@@ -59,9 +59,14 @@ def test_a_reset_brings_a_new_latent():
 
 def test_wandering_latents_move_on_in_small_steps_until_a_reset():
     wandering = torch.arange(400) < 200
-    config = LatentConfig(min_steps=50, wander=(0.1, 0.1), wander_steps=2, jump=0.0)
+    config = LatentConfig(
+        min_steps=50,
+        random_walk_step_size=(0.1, 0.1),
+        random_walk_steps=2,
+        resample_probability=0.0,
+    )
     latents = LatentSchedule(400, config, seed=0)
-    latents.wandering, latents.remaining = wandering, torch.where(wandering, 2, latents.remaining)
+    latents.random_walk, latents.remaining = wandering, torch.where(wandering, 2, latents.remaining)
     nobody = torch.zeros(400, dtype=torch.bool)
     before = latents.z
     latents.advance(nobody)
@@ -79,9 +84,13 @@ def test_wandering_latents_move_on_in_small_steps_until_a_reset():
 
 def test_every_wandering_world_has_a_stride_of_its_own_and_some_steps_are_jumps():
     latents = LatentSchedule(
-        4000, LatentConfig(wander=(0.03, 1.0), wander_steps=1, jump=0.1), seed=0
+        4000,
+        LatentConfig(
+            random_walk_step_size=(0.03, 1.0), random_walk_steps=1, resample_probability=0.1
+        ),
+        seed=0,
     )
-    latents.wandering[:], latents.remaining[:] = True, 1
+    latents.random_walk[:], latents.remaining[:] = True, 1
     before = latents.z
     latents.advance(torch.zeros(4000, dtype=torch.bool))
     cosine = (latents.z * before).sum(dim=-1)

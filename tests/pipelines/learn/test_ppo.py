@@ -44,8 +44,8 @@ def test_deterministic_steps_act_on_the_mean_and_say_so(make_ppo, observe):
 
 
 def test_bold_steps_go_further_and_know_how_likely_that_was(make_ppo, observe):
-    ppo, obs = make_ppo(bold_share=1.0), observe()
-    ppo.exploration.boldness = 3.0
+    ppo, obs = make_ppo(high_noise_fraction=1.0), observe()
+    ppo.exploration.high_noise_scale = 3.0
     action = ppo.act(obs)
     assert obs[EXPLORE].flatten().tolist() == [3.0] * 4
     mean, std = ppo.transition.distribution_params
@@ -63,10 +63,10 @@ def test_bold_steps_go_further_and_know_how_likely_that_was(make_ppo, observe):
 def test_bold_steps_pull_as_a_wider_gaussian_would(make_ppo, observe):
     """The gradient of the surrogate is that of plain PPO whose std is the bold one."""
     gradients = []
-    for std, boldness in ((0.6, 1.0), (0.2, 3.0)):
-        ppo = make_ppo(horizon=1, bold_share=1.0)
+    for std, high_noise_scale in ((0.6, 1.0), (0.2, 3.0)):
+        ppo = make_ppo(horizon=1, high_noise_fraction=1.0)
         set_std(ppo.actor, std)
-        ppo.exploration.boldness = boldness
+        ppo.exploration.high_noise_scale = high_noise_scale
         torch.manual_seed(3)
         ppo.compute_returns(fill(ppo, observe, rewards=1.0))
         ppo.storage.advantages[0, :, 0] = torch.tensor([0.5, 1.0, -0.5, -1.0])

@@ -7,9 +7,9 @@ import torch
 
 from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.learn.skill_embedding import (
+    FlattenedClips,
     LabelledTransitions,
     SkillEmbedding,
-    Timeline,
     WindowConfig,
     uniformity,
 )
@@ -18,12 +18,12 @@ WINDOW = WindowConfig(steps=8, ahead=4, frames=5, hidden=(16,))
 
 
 @pytest.fixture
-def timeline():
+def flattened():
     """Two clips of 20 and 10 frames; a frame's first number is its row."""
     torch.manual_seed(0)
     frames = torch.randn(30, 3)
     frames[:, 0] = torch.arange(30)
-    return Timeline(frames, torch.tensor([19] * 20 + [29] * 10))
+    return FlattenedClips(frames, torch.tensor([19] * 20 + [29] * 10))
 
 
 def test_a_window_never_looks_into_another_clip(timeline):

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.episode_restarts import DEPTH, PERIOD, Retries
+from lacoloco.pipelines.sim.episode_restarts import DEPTH, PERIOD, EpisodeRestarts
 from lacoloco.pipelines.sim.tasks import imitate_task, load_task
 
 WORLDS = 3
@@ -22,28 +22,28 @@ def env(solo12):
     )
 
 
-def live(env, retries, steps):
+def live(env, restarts, steps):
     """Sway for a while, each step under its own latent; returns states, actions and latents as they
     were before every step.
     """
-    seen, generator = [], torch.Generator().manual_seed(len(retries._kept))
+    seen, generator = [], torch.Generator().manual_seed(len(restarts._kept))
     for _ in range(steps):
         latent = torch.randn(WORLDS, 7, generator=generator)
         seen.append((env.physics.qpos, env.physics.qvel, env.action, latent))
-        retries.keep(latent)
+        restarts.snapshot(latent)
         env.step(0.05 * torch.randn(WORLDS, 12, generator=generator))
     return seen
 
 
 @pytest.mark.parametrize("more", [1, 4, 10])
 def test_a_world_is_put_back_to_what_it_was(env, more):
-    retries = Retries(env, 7, 1.0, seed=0)
-    seen = live(env, retries, BACK + more)
-    again = retries.choose(torch.tensor([True, False, True]))
+    restarts = EpisodeRestarts(env, 7, 1.0, seed=0)
+    seen = live(env, restarts, BACK + more)
+    again = restarts.select(torch.tensor([True, False, True]))
     assert again.tolist() == [True, False, True]
     env.reset(torch.ones(WORLDS, dtype=torch.bool))
     fresh = env.physics.qpos[1].clone()
-    latent = retries.put_back(again, torch.zeros(WORLDS, 7))
+    latent = restarts.restore(again, torch.zeros(WORLDS, 7))
     age = (
         BACK
         + more
@@ -62,31 +62,31 @@ def test_a_world_is_put_back_to_what_it_was(env, more):
 
 
 def test_a_fall_soon_after_a_reset_gets_no_second_chance(env):
-    retries, fell = Retries(env, 7, 1.0, seed=0), torch.ones(WORLDS, dtype=torch.bool)
+    restarts, fell = EpisodeRestarts(env, 7, 1.0, seed=0), torch.ones(WORLDS, dtype=torch.bool)
     env.steps.fill_(BACK + 1)
-    assert not retries.choose(fell).any(), "nothing is kept yet"
-    live(env, retries, BACK)
+    assert not restarts.select(fell).any(), "nothing is kept yet"
+    live(env, restarts, BACK)
     env.steps[:] = torch.tensor([BACK, BACK + 1, BACK + 2])
-    assert retries.choose(fell).tolist() == [False, True, True]
-    assert not retries.choose(~fell).any()
-    assert not Retries(env, 7, 0.0, seed=0).choose(fell).any()
+    assert restarts.select(fell).tolist() == [False, True, True]
+    assert not restarts.select(~fell).any()
+    assert not EpisodeRestarts(env, 7, 0.0, seed=0).select(fell).any()
 
 
 def test_whoever_falls_again_goes_back_to_the_same_place(env):
     """Not to where the first fall was already decided, and only until the retry has lived as long
     as a snapshot is old.
     """
-    retries, fell = Retries(env, 7, 1.0, seed=0), torch.tensor([True, False, False])
-    live(env, retries, BACK + 3)
+    restarts, fell = EpisodeRestarts(env, 7, 1.0, seed=0), torch.tensor([True, False, False])
+    live(env, restarts, BACK + 3)
 
     def fall():
-        again = retries.choose(fell)
+        again = restarts.select(fell)
         env.reset(fell)
-        retries.put_back(again, torch.zeros(WORLDS, 7))
+        restarts.restore(again, torch.zeros(WORLDS, 7))
         return again, env.physics.qpos[0].clone()
 
-    (first, place), _ = fall(), live(env, retries, 23)
-    (second, same), _ = fall(), live(env, retries, BACK + 1)
+    (first, place), _ = fall(), live(env, restarts, 23)
+    (second, same), _ = fall(), live(env, restarts, BACK + 1)
     (third, later) = fall()
     assert first[0] and second[0] and third[0]
     assert torch.equal(place, same)
@@ -94,32 +94,35 @@ def test_whoever_falls_again_goes_back_to_the_same_place(env):
 
 
 def test_a_new_episode_ends_the_retries(env):
-    retries, everybody = Retries(env, 7, 1.0, seed=0), torch.ones(WORLDS, dtype=torch.bool)
-    live(env, retries, BACK + 1)
-    again = retries.choose(everybody)
+    restarts, everybody = EpisodeRestarts(env, 7, 1.0, seed=0), torch.ones(WORLDS, dtype=torch.bool)
+    live(env, restarts, BACK + 1)
+    again = restarts.select(everybody)
     env.reset(everybody)
-    retries.put_back(again, torch.zeros(WORLDS, 7))
-    live(env, retries, 5)
-    assert retries.choose(everybody).all()
+    restarts.restore(again, torch.zeros(WORLDS, 7))
+    live(env, restarts, 5)
+    assert restarts.select(everybody).all()
     env.reset(everybody)  # a time-out
-    retries.put_back(torch.zeros_like(everybody), torch.zeros(WORLDS, 7))
-    live(env, retries, 5)
-    assert not retries.choose(everybody).any()
+    restarts.restore(torch.zeros_like(everybody), torch.zeros(WORLDS, 7))
+    live(env, restarts, 5)
+    assert not restarts.select(everybody).any()
 
 
 def test_a_target_comes_back_with_its_world(solo12):
     env = LeggedEnv(solo12, load_task(solo12, "reach"), WORLDS, seed=0)
-    retries, fell = Retries(env, 7, 1.0, seed=0, hold=5), torch.tensor([False, True, False])
+    restarts, fell = (
+        EpisodeRestarts(env, 7, 1.0, seed=0, hold=5),
+        torch.tensor([False, True, False]),
+    )
     target, states = env.command.clone(), []
     for _ in range(12):
         states.append(env.physics.qpos[1].clone())
-        retries.keep(torch.zeros(WORLDS, 7))
+        restarts.snapshot(torch.zeros(WORLDS, 7))
         for _ in range(5):
             env.step(torch.zeros(WORLDS, 12))
-    again = retries.choose(fell)
+    again = restarts.select(fell)
     env.reset(fell)
     assert not torch.equal(env.command[1], target[1])
-    retries.put_back(again, torch.zeros(WORLDS, 7))
+    restarts.restore(again, torch.zeros(WORLDS, 7))
     assert torch.equal(env.command, target)
     assert torch.equal(env.physics.qpos[1], states[2]), "1 s back: ten decisions"
 
@@ -129,89 +132,94 @@ def reaching(solo12):
     return LeggedEnv(solo12, load_task(solo12, "reach"), WORLDS, seed=0)
 
 
-def miss(env, retries, missed):
+def miss(env, restarts, missed):
     """End the episodes of ``missed`` at a time-out; returns who begins the same one again."""
     mask = torch.tensor(missed)
-    again = retries.choose(torch.zeros(WORLDS, dtype=torch.bool), mask)
+    again = restarts.select(torch.zeros(WORLDS, dtype=torch.bool), mask)
     env.reset(mask)
-    retries.put_back(again, torch.zeros(WORLDS, 7))
+    restarts.restore(again, torch.zeros(WORLDS, 7))
     return again.tolist()
 
 
 def test_whoever_missed_begins_the_same_episode_again(reaching):
-    env, retries = reaching, Retries(reaching, 7, 1.0, seed=0)
-    live(env, retries, BACK)
-    assert miss(env, retries, [True] * WORLDS) == [False] * WORLDS, "nobody knows how these began"
+    env, restarts = reaching, EpisodeRestarts(reaching, 7, 1.0, seed=0)
+    live(env, restarts, BACK)
+    assert miss(env, restarts, [True] * WORLDS) == [False] * WORLDS, "nobody knows how these began"
     start, target = env.physics.qpos.clone(), env.command.clone()
     for _ in range(2):
-        live(env, retries, BACK + 5)
-        assert miss(env, retries, [True, False, True]) == [True, False, True]
+        live(env, restarts, BACK + 5)
+        assert miss(env, restarts, [True, False, True]) == [True, False, True]
         for world in (0, 2):
             assert torch.equal(env.physics.qpos[world], start[world])
             assert torch.equal(env.command[world], target[world])
             assert env.steps[world] == 0
         assert not torch.equal(env.physics.qpos[1], start[1]), "it goes on"
-    assert retries.returned.tolist() == [True, False, True]
+    assert restarts.returned.tolist() == [True, False, True]
 
 
 def test_a_retry_after_a_fall_is_no_beginning(reaching):
     """Whoever fell, was put back and missed in the end begins where its episode did, not where it
     was put back to.
     """
-    env, retries, fell = (
+    env, restarts, fell = (
         reaching,
-        Retries(reaching, 7, 1.0, seed=0),
+        EpisodeRestarts(reaching, 7, 1.0, seed=0),
         torch.tensor([True, False, False]),
     )
-    live(env, retries, BACK)
-    miss(env, retries, [True] * WORLDS)
+    live(env, restarts, BACK)
+    miss(env, restarts, [True] * WORLDS)
     start = env.physics.qpos[0].clone()
-    live(env, retries, BACK + 3)
-    again = retries.choose(fell)
+    live(env, restarts, BACK + 3)
+    again = restarts.select(fell)
     env.reset(fell)
-    retries.put_back(again, torch.zeros(WORLDS, 7))
-    live(env, retries, 9)
-    assert miss(env, retries, [True, False, False])[0]
+    restarts.restore(again, torch.zeros(WORLDS, 7))
+    live(env, restarts, 9)
+    assert miss(env, restarts, [True, False, False])[0]
     assert torch.equal(env.physics.qpos[0], start)
 
 
 def test_misses_are_bygones_where_nobody_asks(reaching):
-    retries, nobody = Retries(reaching, 7, 1.0, seed=0), torch.zeros(WORLDS, dtype=torch.bool)
-    live(reaching, retries, BACK)
-    miss(reaching, retries, [True] * WORLDS)
-    live(reaching, retries, 5)
-    assert not retries.choose(nobody).any()
-    assert not retries.choose(nobody, nobody).any()
+    restarts, nobody = (
+        EpisodeRestarts(reaching, 7, 1.0, seed=0),
+        torch.zeros(WORLDS, dtype=torch.bool),
+    )
+    live(reaching, restarts, BACK)
+    miss(reaching, restarts, [True] * WORLDS)
+    live(reaching, restarts, 5)
+    assert not restarts.select(nobody).any()
+    assert not restarts.select(nobody, nobody).any()
 
 
 def test_snapshots_go_on_where_they_stopped(env):
-    first, second = Retries(env, 7, 0.5, seed=0), Retries(env, 7, 0.5, seed=9)
+    first, second = EpisodeRestarts(env, 7, 0.5, seed=0), EpisodeRestarts(env, 7, 0.5, seed=9)
     live(env, first, BACK + 3)
     miss(env, first, [False, False, True])
     second.load_state_dict(first.state_dict())
     fell = torch.ones(WORLDS, dtype=torch.bool)
     for ends in ((fell, None), (~fell, fell)):
-        chosen = [[retries.choose(*ends).tolist() for _ in range(9)] for retries in (first, second)]
+        chosen = [
+            [restarts.select(*ends).tolist() for _ in range(9)] for restarts in (first, second)
+        ]
         assert chosen[0] == chosen[1]
     again = torch.tensor([True, True, False])
-    latents = [retries.put_back(again, torch.zeros(WORLDS, 7)) for retries in (first, second)]
+    latents = [restarts.restore(again, torch.zeros(WORLDS, 7)) for restarts in (first, second)]
     assert torch.equal(*latents)
 
 
 def test_snapshots_of_a_version_without_beginnings_are_left_out(env):
-    first, second = Retries(env, 7, 1.0, seed=0), Retries(env, 7, 1.0, seed=9)
+    first, second = EpisodeRestarts(env, 7, 1.0, seed=0), EpisodeRestarts(env, 7, 1.0, seed=9)
     live(env, first, BACK + 3)
     state = first.state_dict()
     del state["begun"]
     second.load_state_dict(state)
-    assert not second.choose(torch.ones(WORLDS, dtype=torch.bool)).any()
+    assert not second.select(torch.ones(WORLDS, dtype=torch.bool)).any()
 
 
 def test_snapshots_of_many_worlds_stay_out_of_checkpoints(env, monkeypatch):
     monkeypatch.setattr("lacoloco.pipelines.sim.episode_restarts.STATE_BYTES", 100)
-    first, second = Retries(env, 7, 1.0, seed=0), Retries(env, 7, 1.0, seed=9)
+    first, second = EpisodeRestarts(env, 7, 1.0, seed=0), EpisodeRestarts(env, 7, 1.0, seed=9)
     live(env, first, BACK + 3)
     state = first.state_dict()
     assert set(state) == {"count", "draw"}
     second.load_state_dict(state)
-    assert not second.choose(torch.ones(WORLDS, dtype=torch.bool)).any(), "it begins without any"
+    assert not second.select(torch.ones(WORLDS, dtype=torch.bool)).any(), "it begins without any"
