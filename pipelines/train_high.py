@@ -154,7 +154,7 @@ def _before_and_after(
     same episodes.
     """
     episodes = min(256, config.worlds)
-    figures = {}
+    metrics = {}
     for name, policies in (
         ("untrained_error", {"low": low}),
         ("trained_error", {"low": low, "high": high}),
@@ -162,5 +162,5 @@ def _before_and_after(
         played = play_episodes(
             spec, policies, episodes, worlds=episodes, seed=context.seed + 77, device=context.device
         )
-        figures[name] = played.figures()["ee_error_mean_m"]
-    return figures
+        metrics[name] = played.figures()["ee_error_mean_m"]
+    return metrics

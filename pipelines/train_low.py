@@ -137,7 +137,7 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         return StageResult(
             directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics}
         )
-    metrics |= trainer.closing_figures()
+    metrics |= trainer.closing_metrics()
     save_policies(
         directory.file("artifact.h5"),
         [trainer.policy()],

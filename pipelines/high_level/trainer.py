@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -14,20 +14,35 @@ from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.cat import ramp
 from lacoloco.pipelines.learn.latents import latent_usage, project
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
-from lacoloco.pipelines.learn.networks import geometric, set_std
+from lacoloco.pipelines.learn.networks import annealed, geometric, set_std
 from lacoloco.pipelines.learn.ppo import Ppo
 from lacoloco.pipelines.masking import perhaps_any
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.commands import TargetCommand
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.episode_restarts import EpisodeRestarts
-from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, Decision, LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What changes from iteration to iteration.
+
+    Attributes:
+        std: Standard deviation of the exploration noise on the unnormalised latent.
+        contact_force_penalty: Per share of the foot-substeps above the limit.
+        replay_failed: Whether failed episodes are replayed from their start.
+    """
+
+    std: float
+    contact_force_penalty: float
+    replay_failed: bool
 
 
 class HighTrainer:
@@ -101,63 +116,85 @@ class HighTrainer:
 
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
-        env, algorithm, config = self.env, self.algorithm, self.config
+        settings = self._schedule(progress)
+        obs, accumulator = self._rollout(settings)
+        self.restarts.redraw_new()
+        metrics = self._update(obs)
+        return metrics | self._rollout_metrics(accumulator) | {"std": settings.std}
+
+    def _schedule(self, progress: float) -> Settings:
+        """Settings of one iteration; those of the learner are set."""
+        config, algorithm = self.config, self.algorithm
         algorithm.actor_learns = not config.hindsight.decisions or progress >= config.critic_warmup
-        calm, begin, end = config.kl_anneal
-        algorithm.desired_kl = config.ppo.desired_kl * geometric(
-            (1.0, calm), ramp(progress, begin, end)
-        )
-        price = (config.contact_force_penalty or 0.0) * ramp(
-            progress, *config.contact_force_penalty_ramp
-        )
-        rematch = progress >= config.replay_failed_from
+        algorithm.desired_kl = config.ppo.desired_kl * annealed(config.kl_anneal, progress)
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
         algorithm.exploration.high_noise_scale = config.std[0] / std
-        obs = self._observe()
-        accumulator, fresh = (
-            MetricAccumulator(),
-            torch.zeros(env.num_worlds, dtype=torch.bool, device=env.env.device),
+        penalty = config.contact_force_penalty or 0.0
+        return Settings(
+            std=std,
+            contact_force_penalty=penalty * ramp(progress, *config.contact_force_penalty_ramp),
+            replay_failed=progress >= config.replay_failed_from,
         )
-        for _ in range(config.ppo.horizon):
-            self.restarts.snapshot(env.latent)
-            decision = env.step(project(algorithm.act(obs)))
+
+    def _rollout(self, settings: Settings) -> tuple[TensorDict, MetricAccumulator]:
+        """Record one rollout; returns the observations that follow it and sums over it."""
+        accumulator, obs = MetricAccumulator(), self._observe()
+        for _ in range(self.config.ppo.horizon):
+            self.restarts.snapshot(self.env.latent)
+            decision = self.env.step(project(self.algorithm.act(obs)))
             next_obs = self._observe()
-            reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
-            reward -= price * decision.violation
-            algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
-            # Only whole episodes are counted: a fall or a miss, but not what comes of its restarts.
-            whole = decision.done & ~self.restarts.returned
-            missed = decision.timed_out & (decision.error > self.not_reached)
-            again = self.restarts.select(decision.fell, missed if rematch else None)
-            env.reset(decision.done)
-            fresh |= decision.done & ~again
-            env.latent = self.restarts.restore(again, env.latent)
+            reward = self._reward(decision, settings)
+            self.algorithm.record(reward, decision.fell, decision.timed_out, next_obs)
+            # A restarted episode is not counted: it belongs to an episode counted before.
+            whole = decision.done & ~self.restarts.restarted
+            self._end_episodes(decision, settings)
             obs = self._observe() if perhaps_any(decision.done) else next_obs
-            errors = torch.where(whole, decision.error, 0.0).sum()
-            speed = env.env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
-            accumulator.add(
-                reward=decision.reward.mean(),
-                falls=(decision.fell & whole).sum(),
-                ended=whole.sum(),
-                errors=errors,
-                speed=speed,
-                above=decision.above_limit.mean(dim=1).sum(),
-                substeps=decision.substeps.sum(),
-            )
-        env.env.redraw(fresh)
+            accumulator.add(**self._outcome(decision, whole))
+        return obs, accumulator
+
+    def _reward(self, decision: Decision, settings: Settings) -> torch.Tensor:
+        config = self.config
+        reward = decision.reward * config.reward_scale - config.fall_penalty * decision.fell
+        return reward - settings.contact_force_penalty * decision.violation
+
+    def _end_episodes(self, decision: Decision, settings: Settings) -> None:
+        failed = decision.timed_out & (decision.error > self.not_reached)
+        self.env.latent = self.restarts.reset(
+            decision.done,
+            decision.fell,
+            failed if settings.replay_failed else None,
+            start=self.env.reset,
+        )
+
+    def _outcome(self, decision: Decision, whole: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Sums over the worlds, after the reset."""
+        return {
+            "reward": decision.reward.mean(),
+            "falls": (decision.fell & whole).sum(),
+            "ended": whole.sum(),
+            "errors": torch.where(whole, decision.error, 0.0).sum(),
+            "speed": self.env.env.state.lin_vel_b[:, :2].norm(dim=-1).mean(),
+            "above": decision.above_limit.mean(dim=1).sum(),
+            "substeps": decision.substeps.sum(),
+        }
+
+    def _update(self, obs: TensorDict) -> dict[str, float]:
+        """Learn from the rollout; ``obs`` are the observations after it."""
+        algorithm = self.algorithm
         algorithm.compute_returns(obs)
         usage = latent_usage(project(algorithm.storage.distribution_params[0].flatten(0, 1)))
-        figures = algorithm.update() | usage
+        return algorithm.update() | usage
+
+    def _rollout_metrics(self, accumulator: MetricAccumulator) -> dict[str, float]:
         sums = accumulator.read()
-        if ended := sums["ended"]:
-            figures |= {
-                "final_error": sums["errors"] / ended,
-                "falls_per_episode": sums["falls"] / ended,
-            }
-        means = {name: sums[name] / config.ppo.horizon for name in ("reward", "speed")}
-        violation = sums["above"] / max(sums["substeps"], 1.0)
-        return figures | means | {"contact_violation": violation, "std": std, "episodes": ended}
+        metrics = {name: sums[name] / self.config.ppo.horizon for name in ("reward", "speed")}
+        metrics["contact_violation"] = sums["above"] / max(sums["substeps"], 1.0)
+        metrics["episodes"] = sums["ended"]
+        if sums["ended"]:
+            metrics["final_error"] = sums["errors"] / sums["ended"]
+            metrics["falls_per_episode"] = sums["falls"] / sums["ended"]
+        return metrics
 
     def policy(self) -> Policy:
         """The trained actor, deterministic; its output is projected to the sphere by whoever uses

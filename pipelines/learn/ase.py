@@ -144,17 +144,17 @@ class Ase(Ppo):
         rollout = self.transitions.flatten(0, 1)
         some = rollout[:: max(1, len(rollout) // STATISTICS)]
         self.normalizer.update(some, self.demonstrations(len(some)))
-        self.figures = self._reward_rollout()
+        self.metrics = self._reward_rollout()
         super().compute_returns(obs)
 
     def update(self) -> dict[str, float]:
         """Discriminator and encoder first, on this rollout; then actor and critic."""
-        figures = self.figures | self._update_style() | super().update()
-        if "auxiliary" in figures:
+        metrics = self.metrics | self._update_style() | super().update()
+        if "auxiliary" in metrics:
             # Without its weight: 1 where actions ignore the latent, 0 where they move just as far
             # as it does.
-            figures["diversity"] = figures.pop("auxiliary") / self.ase.diversity
-        return figures
+            metrics["diversity"] = metrics.pop("auxiliary") / self.ase.diversity
+        return metrics
 
     def auxiliary_loss(
         self, batch: RolloutStorage.Batch, mean: torch.Tensor
@@ -253,11 +253,11 @@ class Ase(Ppo):
                 (agent[half], self.normalizer(self.replay.sample(ase.batch - len(half))))
             )
             demo = self.normalizer(self.demonstrations(ase.batch))
-            loss, figures = self.discriminator.loss(policy, demo, self.generator)
+            loss, metrics = self.discriminator.loss(policy, demo, self.generator)
             # A factor, not a branch: nothing waits for the device, and every process takes the same
             # steps.
             accuracy = parallel.average(
-                0.5 * (figures["agent_accuracy"] + figures["demo_accuracy"])
+                0.5 * (metrics["agent_accuracy"] + metrics["demo_accuracy"])
             )
             behind = accuracy < self.discriminator.config.max_accuracy
             _descend(self.discriminator_optimizer, loss * behind)
@@ -270,7 +270,7 @@ class Ase(Ppo):
                 else miss,
             )
             for name, value in {
-                **figures,
+                **metrics,
                 "discriminator": loss.detach(),
                 "encoder": miss.detach(),
             }.items():

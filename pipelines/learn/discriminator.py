@@ -60,14 +60,14 @@ def classification(
     """
     bce = 0.5 * (nn.functional.softplus(agent).mean() + nn.functional.softplus(-demo).mean())
     with torch.no_grad():
-        figures = {
+        metrics = {
             "agent_accuracy": (agent < 0).float().mean(),
             "demo_accuracy": (demo > 0).float().mean(),
             "agent_logit": agent.mean(),
             "demo_logit": demo.mean(),
             "margin": demo.mean() - agent.mean(),
         }
-    return bce, figures
+    return bce, metrics
 
 
 class TransitionNormalizer(nn.Module):

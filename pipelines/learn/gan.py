@@ -60,12 +60,12 @@ class GanDiscriminator(nn.Module):
         """Cross-entropy + gradient penalty E_demo |grad_x logit|^2 + decay of the logit layer."""
         demo = demo.detach().requires_grad_(True)
         demo_logits = self.logits(demo, generator)
-        bce, figures = classification(self.logits(agent, generator), demo_logits)
+        bce, metrics = classification(self.logits(agent, generator), demo_logits)
         (slope,) = torch.autograd.grad(demo_logits.sum(), demo, create_graph=True)
         penalty = slope.square().sum(dim=-1).mean()
         decay = self.mlp[-1].weight.square().sum()
-        figures["gradient_penalty"] = penalty.detach()
+        metrics["gradient_penalty"] = penalty.detach()
         return (
             bce + self.config.gradient_penalty * penalty + self.config.logit_decay * decay,
-            figures,
+            metrics,
         )

@@ -1,4 +1,4 @@
-"""Sums of figures over a rollout."""
+"""Sums of metrics over a rollout."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lacoloco.pipelines.learn import parallel
 
 
 class MetricAccumulator:
-    """Adds figures up where they are computed, in double precision; reading them is the only wait
+    """Adds metrics up where they are computed, in double precision; reading them is the only wait
     for a GPU.
     """
 
@@ -16,9 +16,9 @@ class MetricAccumulator:
         """Start with nothing."""
         self._sums: dict[str, torch.Tensor] = {}
 
-    def add(self, **figures: torch.Tensor | None) -> None:
+    def add(self, **metrics: torch.Tensor | None) -> None:
         """Add 0-d tensors by name; None adds nothing."""
-        for name, value in figures.items():
+        for name, value in metrics.items():
             if value is not None:
                 old = self._sums.get(name)
                 self._sums[name] = value.detach().double() if old is None else old + value.detach()

@@ -10,6 +10,8 @@ import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
+from lacoloco.pipelines.learn.cat import ramp
+
 
 @dataclass(frozen=True)
 class NetworkConfig:
@@ -73,6 +75,14 @@ def geometric(ends: tuple[float, float], share: float) -> float:
     """
     share = min(max(share, 0.0), 1.0)
     return float(ends[0] ** (1.0 - share) * ends[1] ** share)
+
+
+def annealed(kl_anneal: tuple[float, float, float], progress: float) -> float:
+    """Factor on the KL target: 1, then falling geometrically to the first of ``kl_anneal`` while
+    the training goes from the second to the third (shares of it).
+    """
+    final, begin, end = kl_anneal
+    return geometric((1.0, final), ramp(progress, begin, end))
 
 
 def _model(

@@ -226,7 +226,7 @@ class Ppo(PPO):
         """
         config, totals, count = self.config, {}, 0
         for batch in self.storage.mini_batch_generator(config.minibatches, config.epochs):
-            loss, figures = self._loss(batch)
+            loss, metrics = self._loss(batch)
             self.optimizer.zero_grad(set_to_none=True)
             loss.backward()
             if self.is_multi_gpu:
@@ -234,20 +234,20 @@ class Ppo(PPO):
             torch.nn.utils.clip_grad_norm_(self.actor.parameters(), config.max_grad_norm)
             torch.nn.utils.clip_grad_norm_(self.critic.parameters(), config.max_grad_norm)
             self.optimizer.step()
-            for name, value in figures.items():
+            for name, value in metrics.items():
                 totals[name] = totals.get(name, 0.0) + value.detach()
             count += 1
         # Statistics move only here, so that a rollout and its update see the same network.
         observations = self.storage.observations.flatten(0, 1)
         self.actor.update_normalization(observations)
         self.critic.update_normalization(observations)
-        figures = {name: float(total) / count for name, total in totals.items()}
-        figures |= {
+        metrics = {name: float(total) / count for name, total in totals.items()}
+        metrics |= {
             "learning_rate": float(self.learning_rate),
             "explained_variance": self._explained_variance(),
         }
         self.storage.clear()
-        return figures
+        return metrics
 
     def save(self) -> dict[str, object]:
         """rsl_rl's state and how each world explores."""
@@ -277,15 +277,15 @@ class Ppo(PPO):
         clipped = ratio.clamp(1.0 - config.clip, 1.0 + config.clip)
         surrogate = -(torch.minimum(ratio * gain, clipped * gain) * weight).sum()
         loss = surrogate + value
-        figures = {"surrogate": surrogate, "value": value}
+        metrics = {"surrogate": surrogate, "value": value}
         if config.bound_weight:
             excess = (mean.abs() - config.bound).clamp_min(0.0).square().sum(dim=-1)
             loss = loss + config.bound_weight * (excess * weight).sum()
         auxiliary = self.auxiliary_loss(batch, mean)
         if auxiliary is not None:
             loss = loss + auxiliary
-            figures["auxiliary"] = auxiliary
-        return loss, {**figures, "kl": kl}
+            metrics["auxiliary"] = auxiliary
+        return loss, {**metrics, "kl": kl}
 
     def _adapt_learning_rate(
         self,

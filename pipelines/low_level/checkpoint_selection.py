@@ -45,7 +45,7 @@ class Selection:
             seed,
         )
         self.chosen: dict[str, Any] = {}
-        """``actor``: state of the best actor so far, ``figures``: its figures, ``samples``: when it
+        """``actor``: state of the best actor so far, ``metrics``: its metrics, ``samples``: when it
         was seen.
         """
 
@@ -62,18 +62,18 @@ class Selection:
         """Skill coverage, steadiness and the ``score`` of both; keeps the actor if none was
         better.
         """
-        figures = self.measure(actor)
-        figures |= steadiness(
+        metrics = self.measure(actor)
+        metrics |= steadiness(
             self.spec, Policy(self.head, actor), worlds=self.latents, seed=self.seed
         )
-        figures["score"] = score(figures)
-        if not self.chosen or figures["score"] <= self.chosen["figures"]["score"]:
+        metrics["score"] = score(metrics)
+        if not self.chosen or metrics["score"] <= self.chosen["metrics"]["score"]:
             self.chosen = {
                 "actor": deepcopy(actor.state_dict()),
-                "figures": dict(figures),
+                "metrics": dict(metrics),
                 "samples": samples,
             }
-        return figures
+        return metrics
 
     def best(self, actor: MLPModel) -> MLPModel:
         """A copy of ``actor`` with the chosen weights; its own where nothing was examined yet."""
@@ -83,10 +83,10 @@ class Selection:
         return best.eval()
 
 
-def score(figures: Mapping[str, float]) -> float:
+def score(metrics: Mapping[str, float]) -> float:
     """How far the skills are from the clips' own shares (total variation, 0 to 1), and
     ``FALLS_WEIGHT`` per steered fall.
     """
-    clips = {name: figures.get(f"clips_{name}", 0.0) for name in SKILLS}
-    apart = sum(abs(figures[f"coverage_{name}"] - clips[name]) for name in SKILLS) / 2.0
-    return apart + FALLS_WEIGHT * figures["steered_falls"]
+    clips = {name: metrics.get(f"clips_{name}", 0.0) for name in SKILLS}
+    apart = sum(abs(metrics[f"coverage_{name}"] - clips[name]) for name in SKILLS) / 2.0
+    return apart + FALLS_WEIGHT * metrics["steered_falls"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from lacoloco.pipelines.learn.behaviour_cloning import CloningData, clone
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.latents import LatentSchedule
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
-from lacoloco.pipelines.learn.networks import geometric, set_std
+from lacoloco.pipelines.learn.networks import annealed, set_std
 from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
 from lacoloco.pipelines.low_level.checkpoint_selection import Selection
 from lacoloco.pipelines.low_level.config import TrainLowConfig
@@ -135,64 +136,68 @@ class LowTrainer:
 
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
-        config, env, algorithm = self.config, self.env, self.algorithm
+        strength = self._schedule(progress)
+        obs, accumulator = self._rollout(strength)
+        self.restarts.redraw_new()
+        self.algorithm.compute_returns(obs)
+        metrics = self.algorithm.update()
+        sums = accumulator.read()
+        self.recent_falls.append(sums["falls"] * parallel.size())
+        return metrics | self._examine(progress) | self._rollout_metrics(sums)
+
+    def _schedule(self, progress: float) -> float:
+        """Set what changes from iteration to iteration; returns the strength of the constraint."""
+        config, algorithm = self.config, self.algorithm
         if progress >= config.long_horizon_from:
             self._lengthen_episodes()
         algorithm.actor_learns = not config.bc_steps or progress >= config.critic_warmup
         set_std(algorithm.actor, config.exploration_std)
-        calm, begin, end = config.kl_anneal
-        algorithm.desired_kl = config.ppo.desired_kl * geometric(
-            (1.0, calm), ramp(progress, begin, end)
-        )
-        strength = ramp(progress, *config.cat_ramp) if config.cat else 0.0
-        accumulator, fresh = MetricAccumulator(), torch.zeros_like(self.long_horizon)
+        algorithm.desired_kl = config.ppo.desired_kl * annealed(config.kl_anneal, progress)
+        return ramp(progress, *config.cat_ramp) if config.cat else 0.0
+
+    def _rollout(self, strength: float) -> tuple[TensorDict, MetricAccumulator]:
+        """Record one rollout; returns the observations that follow it and sums over it."""
+        env, algorithm, accumulator = self.env, self.algorithm, MetricAccumulator()
         frame, obs = env.frame(), self._observe()
-        for _ in range(config.ppo.horizon):
+        for _ in range(self.config.ppo.horizon):
             self.restarts.snapshot(self.latents.z)
             step = env.step(algorithm.act(obs))
             next_obs = self._observe()
             delta = self.terminations(step.violations, strength) if step.violations else None
+            violated = self.terminations.violated.items()
             algorithm.record_transition(frame, step.frame, step.valid)
             algorithm.record(step.reward, step.fell, step.timed_out, next_obs, delta)
-            speed = env.state.lin_vel_b[:, :2].norm(dim=-1).mean()
             accumulator.add(
-                falls=(step.fell & ~self.restarts.returned).sum(),
-                speed=speed,
+                falls=(step.fell & ~self.restarts.restarted).sum(),
+                speed=env.state.lin_vel_b[:, :2].norm(dim=-1).mean(),
                 delta=None if delta is None else delta.mean(),
+                **{
+                    f"violation_{name}": share for name, share in self.terminations.violated.items()
+                },
             )
-            accumulator.add(
-                **{f"violation_{name}": share for name, share in self.terminations.violated.items()}
-            )
-            again = self.restarts.select(step.fell)
-            env.reset(step.done)
-            fresh |= step.done & ~again
-            self.latents.advance(step.done)
-            self.latents.z = self.restarts.restore(again, self.latents.z)
+            self.latents.z = self.restarts.reset(step.done, step.fell, start=self._start_episodes)
             frame, obs = env.frame(), self._observe()
-        env.redraw(fresh)
-        algorithm.compute_returns(obs)
-        figures = algorithm.update()
-        sums = accumulator.read()
-        self.recent_falls.append(sums["falls"] * parallel.size())
-        return (
-            figures
-            | self._examine(progress)
-            | {
-                "speed": sums["speed"] / config.ppo.horizon,
-                "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
-                "delta": sums.get("delta", 0.0) / config.ppo.horizon,
-                **{
-                    name: sums[name] / config.ppo.horizon
-                    for name in sums
-                    if name.startswith("violation_")
-                },
-                **{
-                    f"c_max_{name}": float(worst.max())
-                    for name, worst in self.terminations.c_max.items()
-                },
-                "std": config.exploration_std,
-            }
-        )
+        return obs, accumulator
+
+    def _start_episodes(self, done: torch.Tensor) -> torch.Tensor:
+        self.env.reset(done)
+        self.latents.advance(done)
+        return self.latents.z
+
+    def _rollout_metrics(self, sums: Mapping[str, float]) -> dict[str, float]:
+        horizon = self.config.ppo.horizon
+        violations = [name for name in sums if name.startswith("violation_")]
+        return {
+            "speed": sums["speed"] / horizon,
+            "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
+            "delta": sums.get("delta", 0.0) / horizon,
+            **{name: sums[name] / horizon for name in violations},
+            **{
+                f"c_max_{name}": float(worst.max())
+                for name, worst in self.terminations.c_max.items()
+            },
+            "std": self.config.exploration_std,
+        }
 
     def _lengthen_episodes(self) -> None:
         worlds = select(self.long_horizon)
@@ -225,7 +230,7 @@ class LowTrainer:
             return self.selection.examine(actor, after * parallel.size())
         return self.selection.measure(actor)
 
-    def closing_figures(self) -> dict[str, float]:
+    def closing_metrics(self) -> dict[str, float]:
         """What is known at the end only.
 
         Returns:
@@ -240,7 +245,7 @@ class LowTrainer:
             "clip_speed": float(frames[:, 4:6].norm(dim=-1).mean()),
             "diverged_worlds": float(self.env.diverged_total),
             "chosen_after": float(self.selection.chosen["samples"]),
-            **self.selection.chosen["figures"],
+            **self.selection.chosen["metrics"],
         }
 
     def policy(self) -> Policy:

@@ -1,13 +1,14 @@
-"""Second chances: a robot that fell tries again from shortly before, in the same world; one that
-missed, from the start.
+"""Episode restarts: a world whose robot fell restarts from a snapshot of up to a second before, and
+a world whose episode failed without a fall replays it from its start.
 
-Falls are rare and come a second after what caused them. Started anew, a world may take thousands of
-steps to come to the same pass; put back, it is there again at once, with other noise. So it is with
-targets that are never reached from where the robot stands: they lie in narrow ranges of directions,
-which chance seldom draws.
+Falls are rare and come a second after their cause. A new episode may need thousands of steps to
+come to the same situation; a restarted one is there at once, with other noise. The same holds for
+targets that are never reached: they lie in narrow ranges of directions, which are seldom drawn.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import torch
 
@@ -15,34 +16,41 @@ from lacoloco.pipelines.masking import pick, put, select
 from lacoloco.pipelines.sim.env import LeggedEnv
 
 PERIOD, DEPTH = 10, 5
-"""Control steps between two snapshots, and how many are kept: a world is put back by 0.8 to 1 s."""
+"""Control steps between two snapshots, and how many are kept: a world goes back by 0.8 to 1 s."""
 RETURN, START = DEPTH, DEPTH + 1
-"""The rows after the snapshots: where each world was put back to last, and where its episode
-began.
+"""The rows after the snapshots: the state that each world restarted from last, and the state in
+which its episode started.
 """
 STATE_BYTES = 2 << 20
-"""Snapshots of more are not kept in a checkpoint, which has to travel: a resumed training then
-begins without any.
-"""
+"""Larger snapshots are not written into a checkpoint. A resumed training then starts without."""
 
 
 class EpisodeRestarts:
-    """Snapshots of all worlds, with the latents in force, and the way back to them."""
+    """Snapshots of all worlds, with the latents in force, and the restarts from them.
+
+    A trainer calls :meth:`snapshot` before every step and :meth:`reset` after it.
+    """
 
     def __init__(
-        self, env: LeggedEnv, latent_dim: int, chance: float, *, seed: int, hold: int = 1
+        self,
+        env: LeggedEnv,
+        latent_dim: int,
+        restart_probability: float,
+        *,
+        seed: int,
+        hold: int = 1,
     ) -> None:
-        """Begin without any; a world that fell is put back with probability ``chance``, and again
-        when it falls again.
+        """Start without snapshots.
 
         Args:
-            env: the worlds.
-            latent_dim: d.
-            chance: of a fall being undone.
-            seed: of whom luck favours.
-            hold: control steps from one call of :meth:`snapshot` to the next; divides ``PERIOD``.
+            env: The worlds.
+            latent_dim: Dimension d of a latent.
+            restart_probability: Share of falls and of failed episodes that are tried again, also
+                after a restart.
+            seed: Of the choice which ones.
+            hold: Control steps between two calls of :meth:`snapshot`; divides ``PERIOD``.
         """
-        self.env, self.chance, self.period = env, chance, PERIOD // hold
+        self.env, self.restart_probability, self.period = env, restart_probability, PERIOD // hold
         self.generator = torch.Generator(env.device).manual_seed(seed)
         self._count = 0
         widths = {
@@ -56,49 +64,79 @@ class EpisodeRestarts:
             name: torch.zeros(DEPTH + 2, env.num_worlds, width, device=env.device)
             for name, width in widths.items()
         }
-        self.returned = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
-        """(N,) bool, worlds that live a second time: what becomes of them says nothing about whole
+        self.restarted = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
+        """(N,) bool, worlds whose episode was restarted. Its outcome says nothing about whole
         episodes.
         """
-        self._begun = torch.zeros_like(self.returned)
+        self._new = torch.zeros_like(self.restarted)
+        self._start_known = torch.zeros_like(self.restarted)
         self._slot = torch.zeros(env.num_worlds, dtype=torch.long, device=env.device)
         self._numbers = torch.arange(env.num_worlds, device=env.device)
 
     def snapshot(self, latent: torch.Tensor) -> None:
-        """Call before every step, with the latents (N, d) that it will be taken under."""
+        """Take a snapshot now and then; call before every step, with its latents (N, d)."""
         if self._count % self.period == 0:
             slot = self._count // self.period % DEPTH
             for name, value in self._now(latent).items():
                 self._kept[name][slot] = value
         self._count += 1
 
-    def select(self, fell: torch.Tensor, missed: torch.Tensor | None = None) -> torch.Tensor:
-        """(N,) bool, those of the fallen worlds (N,) bool and of those that missed that are to try
-        again. Call before a reset.
+    def reset(
+        self,
+        done: torch.Tensor,
+        fell: torch.Tensor,
+        failed: torch.Tensor | None = None,
+        *,
+        start: Callable[[torch.Tensor], torch.Tensor],
+    ) -> torch.Tensor:
+        """End the episodes of ``done``: restart some of them, start new ones in the other worlds.
 
-        Lucky ones, and old enough, or put back before and fallen again: those go back to where they
-        went back to. Whoever missed goes back to where its episode began.
+        Args:
+            done: (N,) bool, worlds whose episode ended.
+            fell: (N,) bool, those of them in which the robot fell.
+            failed: (N,) bool, those whose episode failed without a fall, to be replayed.
+            start: ``start(done)`` starts new episodes in all of ``done`` and returns the latents
+                (N, d) then in force.
+
+        Returns:
+            (N, d) latents in force, those of restarted worlds as they were.
         """
-        lucky = torch.rand(len(fell), generator=self.generator, device=fell.device) < self.chance
+        chosen = self.select(fell, failed)
+        latent = start(done)
+        self._new = self._new | done & ~chosen
+        return self.restore(chosen, latent)
+
+    def redraw_new(self) -> None:
+        """Give other physical parameters to all worlds with a new episode since the last call."""
+        self.env.redraw(self._new)
+        self._new = torch.zeros_like(self._new)
+
+    def select(self, fell: torch.Tensor, failed: torch.Tensor | None = None) -> torch.Tensor:
+        """(N,) bool, which worlds restart; called before the reset.
+
+        Falls restart from the oldest snapshot. A world too young for it restarts only if it was
+        restarted before, from the same state again. Failed episodes restart from their start, where
+        it is known.
+        """
+        lucky = torch.rand(len(fell), generator=self.generator, device=fell.device)
+        lucky = lucky < self.restart_probability
         if self._count < self.period * DEPTH:
             return torch.zeros_like(fell)
         old = self.env.steps > PERIOD * DEPTH
         # The slot that would be written next holds the oldest snapshot.
         oldest = -(-self._count // self.period) % DEPTH
         self._slot = torch.where(old, oldest, RETURN)
-        again = fell & lucky & (old | self.returned)
-        if missed is None:
-            return again
-        self._slot = self._slot.masked_fill(missed, START)
-        return again | missed & lucky & self._begun
+        chosen = fell & lucky & (old | self.restarted)
+        if failed is None:
+            return chosen
+        self._slot = self._slot.masked_fill(failed, START)
+        return chosen | failed & lucky & self._start_known
 
-    def restore(self, mask: torch.Tensor, latent: torch.Tensor) -> torch.Tensor:
-        """Undo the reset of the worlds in ``mask`` (N,) bool; returns the latents (N, d) with
-        theirs as they were.
-        """
-        self.returned = self.returned & (self.env.steps > 0) | mask
-        self._begin((self.env.steps == 0) & ~mask, latent)
-        worlds = select(mask)
+    def restore(self, chosen: torch.Tensor, latent: torch.Tensor) -> torch.Tensor:
+        """Put the worlds ``chosen`` (N,) bool back, after the reset; returns the latents (N, d)."""
+        self.restarted = self.restarted & (self.env.steps > 0) | chosen
+        self._keep_starts((self.env.steps == 0) & ~chosen, latent)
+        worlds = select(chosen)
         if not len(worlds):
             return latent
         where = pick(self._slot, worlds), pick(self._numbers, worlds)
@@ -114,24 +152,20 @@ class EpisodeRestarts:
     def state_dict(self) -> dict[str, object]:
         """Snapshots, their count, generator."""
         small = sum(values.nbytes for values in self._kept.values()) <= STATE_BYTES
-        kept = {**self._kept, "returned": self.returned, "begun": self._begun} if small else {}
-        return {
-            "count": self._count if small else 0,
-            "generator": self.generator.get_state(),
-            **kept,
-        }
+        flags = {"restarted": self.restarted, "start_known": self._start_known}
+        kept = {**self._kept, **flags} if small else {}
+        count = self._count if small else 0
+        return {"count": count, "generator": self.generator.get_state(), **kept}
 
     def load_state_dict(self, state: dict[str, object]) -> None:
-        """Restore :meth:`state_dict`; without snapshots if it holds none, or those of a version
-        that kept no beginnings.
-        """
+        """Restore :meth:`state_dict`; without snapshots where it holds none."""
         self.generator.set_state(state["generator"])
-        if "begun" not in state:
+        if "start_known" not in state:
             return
         self._count = int(state["count"])
         self._kept = {name: state[name].to(self.env.device) for name in self._kept}
-        self.returned, self._begun = (
-            state[name].to(self.env.device) for name in ("returned", "begun")
+        self.restarted, self._start_known = (
+            state[name].to(self.env.device) for name in ("restarted", "start_known")
         )
 
     def _now(self, latent: torch.Tensor) -> dict[str, torch.Tensor]:
@@ -144,10 +178,10 @@ class EpisodeRestarts:
             "latent": latent,
         }
 
-    def _begin(self, mask: torch.Tensor, latent: torch.Tensor) -> None:
+    def _keep_starts(self, mask: torch.Tensor, latent: torch.Tensor) -> None:
         worlds = select(mask)
         if not len(worlds):
             return
-        self._begun = self._begun | mask
+        self._start_known = self._start_known | mask
         for name, value in self._now(latent).items():
             put(self._kept[name][START], worlds, pick(value, worlds))

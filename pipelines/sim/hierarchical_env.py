@@ -23,7 +23,7 @@ class Decision:
 
     Attributes:
         reward: (N,) mean task reward of the control steps lived through, 0 for those after a fall
-            (facts 9.2, B9).
+            (the original's code adds them).
         fell: (N,) bool.
         timed_out: (N,) bool.
         error: (N,) distance of the end effector from the target at the last step lived through [m].
@@ -103,7 +103,12 @@ class LatentSteeredEnv:
             alive &= ~step.done
         return Decision(reward, fell, timed_out, error, above, lived)
 
-    def reset(self, mask: torch.Tensor) -> None:
-        """Start new episodes in the worlds of ``mask``; their last latent becomes zero."""
+    def reset(self, mask: torch.Tensor) -> torch.Tensor:
+        """Start new episodes in the worlds of ``mask``; their last latent becomes zero.
+
+        Returns:
+            (N, d) last latents.
+        """
         self.env.reset(mask)
         self.latent = torch.where(mask[:, None], 0.0, self.latent)
+        return self.latent

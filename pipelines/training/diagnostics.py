@@ -1,7 +1,7 @@
-"""What is wrong with a training, by name, from its figures alone.
+"""What is wrong with a training, by name, from its metrics alone.
 
-Each check takes the figures of all iterations so far, oldest first, and returns one line, ``name:
-evidence; what to try``, or nothing. Noisy figures are averaged over the last ``WINDOW`` iterations,
+Each check takes the metrics of all iterations so far, oldest first, and returns one line, ``name:
+evidence; what to try``, or nothing. Noisy metrics are averaged over the last ``WINDOW`` iterations,
 and nothing is said before ``WARM_UP`` of them: every training begins by standing, with latents that
 mean nothing yet.
 """
@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-Figures = Mapping[str, Any]
-History = Sequence[Figures]
+Metrics = Mapping[str, Any]
+History = Sequence[Metrics]
 
 WINDOW, WARM_UP = 20, 40
 SATURATED_ACCURACY, SATURATED_REWARD = 0.95, 0.1
@@ -168,10 +168,10 @@ def _mean(history: History, name: str) -> float:
     """Mean of the last iterations that have the figure; NaN, which no threshold is passed by, where
     none has.
     """
-    values = [figures[name] for figures in history[-WINDOW:] if name in figures]
+    values = [metrics[name] for metrics in history[-WINDOW:] if name in metrics]
     return sum(values) / len(values) if values else float("nan")
 
 
-def _latest(history: History, name: str) -> Figures:
+def _latest(history: History, name: str) -> Metrics:
     """The newest iteration that has the figure."""
-    return next((figures for figures in reversed(history) if name in figures), {})
+    return next((metrics for metrics in reversed(history) if name in metrics), {})

@@ -18,7 +18,7 @@ from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.datasets.store import StageDir
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.stage import StageContext
-from lacoloco.pipelines.training.diagnostics import Figures
+from lacoloco.pipelines.training.diagnostics import Metrics
 
 CHECKPOINT = "lacoloco/checkpoint"
 CHECKPOINT_SECONDS = 60.0
@@ -78,7 +78,7 @@ def train(
     description: str,
     shown: tuple[str, ...] = (),
     config: dict[str, Any] | None = None,
-    warn: Callable[[Sequence[Figures]], list[str]] | None = None,
+    warn: Callable[[Sequence[Metrics]], list[str]] | None = None,
 ) -> dict[str, Any]:
     """Run the training to its end, from its checkpoint if there is one.
 
@@ -96,20 +96,20 @@ def train(
             go.
         context: seed, progress and whether to resume.
         description: name of the training, unique in the directory.
-        shown: the figures to show while it runs.
+        shown: the metrics to show while it runs.
         config: written into the checkpoint.
-        warn: what is wrong, from the figures of all iterations so far; each name is said once while
+        warn: what is wrong, from the metrics of all iterations so far; each name is said once while
             it runs.
 
     Returns:
-        The last iteration's figures with ``samples``, ``seconds``, ``samples_per_second`` and the
+        The last iteration's metrics with ``samples``, ``seconds``, ``samples_per_second`` and the
         ``warnings`` that hold.
 
     Raises:
         KeyboardInterrupt: after the checkpoint was written.
     """
     checkpoint = checkpoint_path(directory, description)
-    start, elapsed, figures = _restore(trainer, checkpoint, context.seed)
+    start, elapsed, metrics = _restore(trainer, checkpoint, context.seed)
     parallel.wait_for_all()
     first = parallel.rank() == 0
     per_iteration = trainer.samples_per_iteration * parallel.size()
@@ -120,12 +120,12 @@ def train(
     watch = _Watch(warn, context)
     with log, _deferred_interrupt() as interrupted:
         for iteration in range(start, iterations):
-            figures = trainer.iterate(iteration / iterations)
+            metrics = trainer.iterate(iteration / iterations)
             samples = (iteration + 1) * per_iteration
-            log.write(samples, figures)
+            log.write(samples, metrics)
             watch(log.history)
             context.progress.advance(
-                samples, **{name: figures[name] for name in shown if name in figures}
+                samples, **{name: metrics[name] for name in shown if name in metrics}
             )
             now, stop = time.monotonic(), parallel.any_process(interrupted(), context.device)
             if first and (stop or now - saved > CHECKPOINT_SECONDS):
@@ -134,7 +134,7 @@ def train(
                     checkpoint,
                     iteration + 1,
                     elapsed + now - begin,
-                    figures,
+                    metrics,
                     context,
                     config or {},
                 )
@@ -146,9 +146,9 @@ def train(
     seconds = elapsed + time.monotonic() - begin
     if first and start < iterations:
         # Whatever interrupts the rest of the stage, the training need not be repeated.
-        _save(trainer, checkpoint, iterations, seconds, figures, context, config or {})
+        _save(trainer, checkpoint, iterations, seconds, metrics, context, config or {})
     speed = {"samples": total, "seconds": seconds, "samples_per_second": total / max(seconds, 1e-9)}
-    return figures | speed | {"warnings": warnings}
+    return metrics | speed | {"warnings": warnings}
 
 
 def checkpoint_path(directory: Path, description: str) -> Path:
@@ -183,10 +183,10 @@ class MetricsLog:
         lines = path.read_text().splitlines(keepends=True) if path.exists() else []
         kept = [line for line in lines if not self._is_repeated(line, done)]
         path.write_text("".join(kept))
-        self.history: list[Figures] = [
+        self.history: list[Metrics] = [
             one for one in map(json.loads, kept) if one["training"] == name
         ]
-        """The figures of all iterations of this training so far, also of those before it was
+        """The metrics of all iterations of this training so far, also of those before it was
         resumed.
         """
         self._lines = path.open("a")
@@ -208,21 +208,21 @@ class MetricsLog:
         self._lines.close()
         self._events.close()
 
-    def write(self, samples: int, figures: dict[str, float]) -> None:
-        """Log one iteration's figures at ``samples`` control steps."""
-        self.history.append({"training": self.name, "samples": samples, **figures})
+    def write(self, samples: int, metrics: dict[str, float]) -> None:
+        """Log one iteration's metrics at ``samples`` control steps."""
+        self.history.append({"training": self.name, "samples": samples, **metrics})
         self._lines.write(json.dumps(self.history[-1]) + "\n")
         self._lines.flush()
-        for name, value in figures.items():
+        for name, value in metrics.items():
             self._events.add_scalar(f"{self.name}/{name}", value, samples)
 
 
 class _NoLog(nullcontext):
     """What the other processes of a training write."""
 
-    history: Sequence[Figures] = ()
+    history: Sequence[Metrics] = ()
 
-    def write(self, samples: int, figures: dict[str, float]) -> None:
+    def write(self, samples: int, metrics: dict[str, float]) -> None:
         """Nothing."""
 
 
@@ -230,11 +230,11 @@ class _Watch:
     """Says each warning once, when it is first seen; the text before its colon is its name."""
 
     def __init__(
-        self, warn: Callable[[Sequence[Figures]], list[str]] | None, context: StageContext
+        self, warn: Callable[[Sequence[Metrics]], list[str]] | None, context: StageContext
     ) -> None:
         self._warn, self._progress, self._said = warn, context.progress, set[str]()
 
-    def __call__(self, history: Sequence[Figures]) -> list[str]:
+    def __call__(self, history: Sequence[Metrics]) -> list[str]:
         warnings = self._warn(history) if self._warn is not None else []
         for line in warnings:
             name = line.partition(":")[0]
@@ -249,14 +249,14 @@ def _save(
     path: Path,
     iteration: int,
     elapsed: float,
-    figures: dict[str, float],
+    metrics: dict[str, float],
     context: StageContext,
     config: dict[str, Any],
 ) -> None:
     state = {
         "trainer": trainer.state_dict(),
         "torch_rng": torch.get_rng_state(),
-        "figures": figures,
+        "metrics": metrics,
     }
     if context.device.startswith("cuda"):
         state["cuda_rng"] = torch.cuda.get_rng_state()
@@ -297,7 +297,7 @@ def _restore(trainer: Trainer, path: Path, seed: int) -> tuple[int, float, dict[
         # its share is another.
         trainer.load_state_dict(_with_own(state["trainer"], trainer.state_dict()))
         torch.manual_seed(parallel.own_seed(seed) + iteration)
-    return iteration, float(artifact.metadata["elapsed_s"]), state["figures"]
+    return iteration, float(artifact.metadata["elapsed_s"]), state["metrics"]
 
 
 def _with_own(loaded: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:

@@ -188,7 +188,7 @@ def test_a_new_episode_has_a_new_latent_and_its_last_state_the_old_one(make_trai
     assert not trainer.env.steps.any()
 
 
-def test_closing_figures_compare_with_the_clips(make_trainer):
+def test_closing_metrics_compare_with_the_clips(make_trainer):
     trainer = make_trainer()
     trainer.recent_falls = [5.0] * 199 + [2.0]
     trainer.selection.chosen = {
@@ -196,7 +196,7 @@ def test_closing_figures_compare_with_the_clips(make_trainer):
         "figures": {"score": 0.3},
         "samples": 640,
     }
-    figures = trainer.closing_figures()
+    figures = trainer.closing_metrics()
     assert figures["falls_last_1pct"] == 7.0
     assert figures["clip_speed"] == pytest.approx(0.4, abs=0.01)
     assert figures["diverged_worlds"] == 0.0

@@ -59,7 +59,7 @@ def test_the_best_is_kept_and_survives_a_checkpoint(trainer, solo12, motions):
     shares = [0.2, 0.1, 0.3]
     steered = examined(trainer, shares)[0]["steered_falls"]
     assert trainer.selection.chosen["samples"] == 100
-    assert trainer.selection.chosen["figures"]["score"] == pytest.approx(0.1 + 4.0 * steered)
+    assert trainer.selection.chosen["metrics"]["score"] == pytest.approx(0.1 + 4.0 * steered)
     other = LowTrainer(solo12, motions, smoke(), seed=0, device="cpu")
     other.load_state_dict(trainer.state_dict())
     for policy in (trainer.policy(), other.policy()):
@@ -67,7 +67,7 @@ def test_the_best_is_kept_and_survives_a_checkpoint(trainer, solo12, motions):
     assert float(next(trainer.algorithm.actor.parameters()).flatten()[0]) == 2.0, (
         "the training goes on with its own"
     )
-    assert trainer.closing_figures()["chosen_after"] == 100.0
+    assert trainer.closing_metrics()["chosen_after"] == 100.0
 
 
 def test_only_what_comes_after_the_ramp_is_examined(solo12, motions):

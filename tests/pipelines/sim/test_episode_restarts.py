@@ -154,7 +154,7 @@ def test_whoever_missed_begins_the_same_episode_again(reaching):
             assert torch.equal(env.command[world], target[world])
             assert env.steps[world] == 0
         assert not torch.equal(env.physics.qpos[1], start[1]), "it goes on"
-    assert restarts.returned.tolist() == [True, False, True]
+    assert restarts.restarted.tolist() == [True, False, True]
 
 
 def test_a_retry_after_a_fall_is_no_beginning(reaching):
@@ -210,7 +210,7 @@ def test_snapshots_of_a_version_without_beginnings_are_left_out(env):
     first, second = EpisodeRestarts(env, 7, 1.0, seed=0), EpisodeRestarts(env, 7, 1.0, seed=9)
     live(env, first, BACK + 3)
     state = first.state_dict()
-    del state["begun"]
+    del state["start_known"]
     second.load_state_dict(state)
     assert not second.select(torch.ones(WORLDS, dtype=torch.bool)).any()
 
@@ -220,6 +220,6 @@ def test_snapshots_of_many_worlds_stay_out_of_checkpoints(env, monkeypatch):
     first, second = EpisodeRestarts(env, 7, 1.0, seed=0), EpisodeRestarts(env, 7, 1.0, seed=9)
     live(env, first, BACK + 3)
     state = first.state_dict()
-    assert set(state) == {"count", "draw"}
+    assert set(state) == {"count", "generator"}
     second.load_state_dict(state)
     assert not second.select(torch.ones(WORLDS, dtype=torch.bool)).any(), "it begins without any"
