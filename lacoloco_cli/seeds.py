@@ -65,7 +65,7 @@ def taken_over(session: Session, checkpoint: Path, template: Config) -> Config:
     """
     from lacoloco.datasets.artifact import read_header
     from lacoloco.datasets.errors import ArtifactError
-    from lacoloco.pipelines.training.loop import CHECKPOINT
+    from lacoloco.pipelines.training.checkpoint import CHECKPOINT
 
     header = read_header(checkpoint)
     alien = f"{checkpoint}: is no checkpoint of {session.verb}; name one of its own"

@@ -29,7 +29,8 @@ from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training.loop import remove_checkpoints, train
+from lacoloco.pipelines.training.checkpoint import remove_checkpoints
+from lacoloco.pipelines.training.loop import train
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 

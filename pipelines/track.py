@@ -21,7 +21,8 @@ from lacoloco.pipelines.tracking.recorder import record
 from lacoloco.pipelines.tracking.reference_clips import reference_clips
 from lacoloco.pipelines.tracking.rollout_plan import num_rollouts
 from lacoloco.pipelines.tracking.trainer import TrackerTrainer
-from lacoloco.pipelines.training.loop import remove_checkpoints, train
+from lacoloco.pipelines.training.checkpoint import remove_checkpoints
+from lacoloco.pipelines.training.loop import train
 
 LOG_KEYS = ("reward", "early_terminations_per_1000_steps", "falls_per_1000_steps", "std")
 

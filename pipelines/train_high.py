@@ -7,8 +7,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
-from lacoloco.datasets.store import ARTIFACT
+from lacoloco.datasets.artifact import Header
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import play_episodes
 from lacoloco.pipelines.high_level.config import CONTACT_FORCE_PENALTY, TrainHighConfig
@@ -22,13 +23,7 @@ from lacoloco.pipelines.robot import robot_of
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.diagnostics import high_level_warnings
-from lacoloco.pipelines.training.loop import (
-    begin,
-    describe,
-    has_checkpoint,
-    remove_checkpoints,
-    train,
-)
+from lacoloco.pipelines.training.train_stage import TrainStage
 from lacoloco.robots.spec import RobotSpec
 
 LOG_KEYS = ("reward", "final_error", "falls_per_episode", "std")
@@ -57,9 +52,7 @@ def gpu() -> TrainHighConfig:
 
 
 def paper() -> TrainHighConfig:
-    """The paper's budget: 2000 iterations of 32 decisions in 4096 worlds, 1310 M control steps
-    (facts 3).
-    """
+    """The paper's budget: 2000 iterations of 32 decisions in 4096 worlds, 1310 M steps."""
     base = gpu()
     return replace(
         base, decisions=2000 * 32 * base.worlds, ppo=replace(base.ppo, horizon=32, epochs=6)
@@ -83,55 +76,48 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     artifact, policies = load_policies(low, "low", device=context.device)
     spec = robot_of(artifact, context.progress.say)
     method = artifact.metadata["method"]
-    config = priced(config, method)
+    config = with_contact_force_penalty(config, was_constrained(artifact))
     mine = shared(config)
-    directory = begin(context, "train-high", method)
-    seed = parallel.own_seed(context.seed)
-    trainer = HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
-    # A training killed before its first checkpoint begins anew, with all that belongs to a
-    # beginning.
-    if mine.hindsight.decisions and not has_checkpoint(directory.path):
-        context.progress.say("trying latents and fitting the first policy to where they led")
-        trainer.pretrain()
-    description = describe("train-high", method, context.seed)
-    metrics = train(
-        trainer,
-        trainer.iterations,
-        directory.path,
-        context,
-        description,
-        LOG_KEYS,
-        config=asdict(config),
-        warn=high_level_warnings,
-    )
-    if parallel.rank():
-        return StageResult(
-            directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics}
+
+    def make_trainer() -> HighTrainer:
+        seed = parallel.own_seed(context.seed)
+        return HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
+
+    def save(trainer: HighTrainer, path: Path, metrics: dict[str, Any]) -> dict[str, Any]:
+        metrics |= _before_and_after(spec, policies["low"], trainer.policy(), config, context)
+        save_policies(
+            path,
+            [policies["low"], trainer.policy()],
+            spec=spec,
+            context=context,
+            config=asdict(config),
+            parents=[low],
+            metrics=metrics,
+            metadata={"method": method, "hold_steps": HOLD_STEPS},
         )
-    metrics |= _before_and_after(spec, policies["low"], trainer.policy(), config, context)
-    save_policies(
-        directory.file("artifact.h5"),
-        [policies["low"], trainer.policy()],
-        spec=spec,
-        context=context,
-        config=asdict(config),
-        parents=[low],
-        metrics=metrics,
-        metadata={"method": method, "hold_steps": HOLD_STEPS},
-    )
-    remove_checkpoints(directory.path)
-    return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+        return metrics
+
+    stage = TrainStage("train-high", method, config, context, LOG_KEYS, high_level_warnings)
+    pretraining = "trying latents and fitting the first policy to where they led"
+    return stage.run(make_trainer, save, pretraining if mine.hindsight.decisions else None)
 
 
-def priced(config: TrainHighConfig, method: str) -> TrainHighConfig:
-    """The config with a price of contact forces: its own, or what suits a low level trained by
-    ``method``.
+def was_constrained(low: Header) -> bool:
+    """Whether the low level in an artifact was trained with the constraint on contact forces.
+
+    An artifact of both levels holds the high level's config; its method tells of the low level.
     """
+    if "cat" in low.config:
+        return bool(low.config["cat"])
+    return str(low.metadata["method"]).endswith("-cat")
+
+
+def with_contact_force_penalty(config: TrainHighConfig, constrained: bool) -> TrainHighConfig:
+    """The config with its own penalty on contact forces, or the default over its low level."""
     if config.contact_force_penalty is not None:
         return config
-    return replace(
-        config, contact_force_penalty=CONTACT_FORCE_PENALTY if method.endswith("-cat") else 0.0
-    )
+    penalty = CONTACT_FORCE_PENALTY if constrained else 0.0
+    return replace(config, contact_force_penalty=penalty)
 
 
 def shared(config: TrainHighConfig) -> TrainHighConfig:

@@ -7,10 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from lacoloco.datasets.clip import Clip, load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import AseConfig
@@ -22,13 +22,7 @@ from lacoloco.pipelines.policies import save_policies
 from lacoloco.pipelines.robot import Say, robot_of_all
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.diagnostics import low_level_warnings
-from lacoloco.pipelines.training.loop import (
-    begin,
-    describe,
-    has_checkpoint,
-    remove_checkpoints,
-    train,
-)
+from lacoloco.pipelines.training.train_stage import TrainStage
 from lacoloco.robots.spec import RobotSpec
 
 LOG_KEYS = (
@@ -77,7 +71,7 @@ def gpu() -> TrainLowConfig:
 
 def paper() -> TrainLowConfig:
     """The paper's budget, 7000 iterations of 32 steps in 4096 worlds, and its ramp of the
-    constraint (facts 3, 6).
+    constraint.
     """
     base = gpu()
     return replace(
@@ -105,8 +99,6 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     """
     mine = shared(config)
     clips, spec = load_motions(motions, context.progress.say)
-    method = f"{config.ase.discriminator}{'-cat' if config.cat else ''}"
-    directory = begin(context, "train-low", method)
     shares = dict(config.skill_shares)
     library = MotionLibrary(
         clips,
@@ -114,42 +106,29 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         weighting="skill" if shares else "duration",
         skill_shares=shares or None,
     )
-    trainer = LowTrainer(
-        spec, library, mine, seed=parallel.own_seed(context.seed), device=context.device
-    )
-    # A training killed before its first checkpoint begins anew, with all that belongs to a
-    # beginning.
-    if config.bc_steps and not has_checkpoint(directory.path):
-        context.progress.say("inferring the clips' actions and fitting the first policy to them")
-        trainer.pretrain()
-    description = describe("train-low", method, context.seed)
-    metrics = train(
-        trainer,
-        trainer.iterations,
-        directory.path,
-        context,
-        description,
-        LOG_KEYS,
-        config=asdict(config),
-        warn=low_level_warnings,
-    )
-    if parallel.rank():
-        return StageResult(
-            directory.final / ARTIFACT, {"method": method, "seed": context.seed, **metrics}
+    method = f"{config.ase.discriminator}{'-cat' if config.cat else ''}"
+
+    def make_trainer() -> LowTrainer:
+        seed = parallel.own_seed(context.seed)
+        return LowTrainer(spec, library, mine, seed=seed, device=context.device)
+
+    def save(trainer: LowTrainer, path: Path, metrics: dict[str, Any]) -> dict[str, Any]:
+        metrics |= trainer.closing_metrics()
+        save_policies(
+            path,
+            [trainer.policy()],
+            spec=spec,
+            context=context,
+            config=asdict(config),
+            parents=list(motions),
+            metrics=metrics,
+            metadata={"method": method},
         )
-    metrics |= trainer.closing_metrics()
-    save_policies(
-        directory.file("artifact.h5"),
-        [trainer.policy()],
-        spec=spec,
-        context=context,
-        config=asdict(config),
-        parents=list(motions),
-        metrics=metrics,
-        metadata={"method": method},
-    )
-    remove_checkpoints(directory.path)
-    return StageResult(directory.complete(), {"method": method, "seed": context.seed, **metrics})
+        return metrics
+
+    stage = TrainStage("train-low", method, config, context, LOG_KEYS, low_level_warnings)
+    pretraining = "inferring the clips' actions and fitting the first policy to them"
+    return stage.run(make_trainer, save, pretraining if config.bc_steps else None)
 
 
 def shared(config: TrainLowConfig) -> TrainLowConfig:

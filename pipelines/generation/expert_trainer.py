@@ -85,7 +85,7 @@ def clean(task: Task) -> Task:
 
 
 class ExpertTrainer:
-    """PPO + CaT on one task; see :class:`lacoloco.pipelines.training.loop.Trainer`."""
+    """PPO + CaT on one task; see :class:`lacoloco.pipelines.training.trainer.Trainer`."""
 
     def __init__(
         self, spec: RobotSpec, task_name: str, config: ExpertConfig, *, seed: int, device: str
@@ -163,7 +163,7 @@ class ExpertTrainer:
         return Policy(replace(self.head), self.algorithm.actor.eval())
 
     def state_dict(self) -> dict[str, Any]:
-        """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
+        """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         return {
             "algorithm": self.algorithm.save(),
             "env": self.env.state_dict(),
@@ -171,7 +171,7 @@ class ExpertTrainer:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
+        """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         self.algorithm.load(state["algorithm"], None, True)
         self.env.load_state_dict(state["env"])
         self.terminations.load_state_dict(state["terminations"])

@@ -46,7 +46,7 @@ class Settings:
 
 
 class HighTrainer:
-    """PPO over latents on the reach task; see :class:`lacoloco.pipelines.training.loop.Trainer`."""
+    """PPO over latents; a :class:`~lacoloco.pipelines.training.trainer.Trainer`."""
 
     def __init__(
         self, spec: RobotSpec, low: Policy, config: TrainHighConfig, *, seed: int, device: str
@@ -203,7 +203,7 @@ class HighTrainer:
         return Policy(self.head, self.algorithm.actor.eval())
 
     def state_dict(self) -> dict[str, Any]:
-        """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
+        """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         return {
             "algorithm": self.algorithm.save(),
             "env": self.env.env.state_dict(),
@@ -212,7 +212,7 @@ class HighTrainer:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
+        """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         self.algorithm.load(state["algorithm"], None, True)
         self.env.env.load_state_dict(state["env"])
         self.env.latent = state["latent"].to(self.env.device)

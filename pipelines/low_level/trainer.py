@@ -36,7 +36,7 @@ LONG_HORIZON_S = 10.0
 
 
 class LowTrainer:
-    """ASE on the imitation task; see :class:`lacoloco.pipelines.training.loop.Trainer`."""
+    """ASE on the imitation task; see :class:`lacoloco.pipelines.training.trainer.Trainer`."""
 
     def __init__(
         self,
@@ -171,9 +171,7 @@ class LowTrainer:
                 falls=(step.fell & ~self.restarts.restarted).sum(),
                 speed=env.state.lin_vel_b[:, :2].norm(dim=-1).mean(),
                 delta=None if delta is None else delta.mean(),
-                **{
-                    f"violation_{name}": share for name, share in self.terminations.violated.items()
-                },
+                **{f"violation_{name}": share for name, share in violated},
             )
             self.latents.z = self.restarts.reset(step.done, step.fell, start=self._start_episodes)
             frame, obs = env.frame(), self._observe()
@@ -253,7 +251,7 @@ class LowTrainer:
         return Policy(self.head, self.selection.best(self.algorithm.actor))
 
     def state_dict(self) -> dict[str, Any]:
-        """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
+        """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         return {
             "algorithm": self.algorithm.save(),
             "env": self.env.state_dict(),
@@ -266,7 +264,7 @@ class LowTrainer:
         } | ({"embedding": self.embedding.state_dict()} if self.config.bc_steps else {})
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
+        """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         self.algorithm.load(state["algorithm"])
         self.env.load_state_dict(state["env"])
         self.latents.load_state_dict(state["latents"])

@@ -22,7 +22,7 @@ from lacoloco.robots.spec import RobotSpec
 
 
 class TrackerTrainer:
-    """PPO on following the clips; see :class:`lacoloco.pipelines.training.loop.Trainer`."""
+    """PPO on following the clips; see :class:`lacoloco.pipelines.training.trainer.Trainer`."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class TrackerTrainer:
         return Policy(self.head, self.algorithm.actor.eval())
 
     def state_dict(self) -> dict[str, Any]:
-        """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
+        """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         return {
             "algorithm": self.algorithm.save(),
             "env": self.env.state_dict(),
@@ -91,7 +91,7 @@ class TrackerTrainer:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """See :class:`lacoloco.pipelines.training.loop.Trainer`."""
+        """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         self.algorithm.load(state["algorithm"], None, True)
         self.env.load_state_dict(state["env"])
         self.terminations.load_state_dict(state["terminations"])

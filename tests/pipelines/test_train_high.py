@@ -1,6 +1,7 @@
 """High-level training over a frozen low level."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -12,7 +13,7 @@ from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.tasks import load_task
-from lacoloco.pipelines.train_high import priced, smoke
+from lacoloco.pipelines.train_high import smoke, was_constrained, with_contact_force_penalty
 
 
 @pytest.fixture
@@ -114,10 +115,22 @@ def test_contact_forces_above_the_limit_have_their_price(make_trainer):
         torch.testing.assert_close((rewards[0] - paid)[0], torch.full_like(paid[0], asked))
 
 
-def test_the_price_is_for_low_levels_that_were_constrained():
-    assert priced(smoke(), "drail-cat").contact_force_penalty == CONTACT_FORCE_PENALTY
-    assert priced(smoke(), "drail").contact_force_penalty == 0.0
-    assert priced(replace(smoke(), contact_force_penalty=3.0), "gan").contact_force_penalty == 3.0
+def test_the_penalty_is_for_low_levels_that_were_constrained():
+    def penalty(config, constrained):
+        return with_contact_force_penalty(config, constrained).contact_force_penalty
+
+    assert penalty(smoke(), True) == CONTACT_FORCE_PENALTY
+    assert penalty(smoke(), False) == 0.0
+    assert penalty(replace(smoke(), contact_force_penalty=3.0), False) == 3.0
+
+
+def test_an_artifact_says_whether_its_low_level_was_constrained():
+    def header(method, **config):
+        return SimpleNamespace(config=config, metadata={"method": method})
+
+    assert was_constrained(header("drail", cat=True))
+    assert not was_constrained(header("drail-cat", cat=False))
+    assert was_constrained(header("gan-cat")), "both levels: the config is the high level's"
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,10 @@ from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.stage import Silent, StageContext
 from lacoloco.pipelines.train_high import smoke as smoke_high
 from lacoloco.pipelines.train_low import smoke as smoke_low
+from lacoloco.pipelines.training import checkpoint
 from lacoloco.pipelines.training import loop as training
-from lacoloco.pipelines.training.loop import remove_checkpoints, train
+from lacoloco.pipelines.training.checkpoint import remove_checkpoints
+from lacoloco.pipelines.training.loop import train
 
 
 class Walk:
@@ -300,11 +302,11 @@ def test_seeds_decide_the_training(kind, make_trainer, tmp_path, context):
 
 def test_a_training_has_a_checkpoint_only_once_one_is_written(tmp_path):
     (tmp_path / "metrics.jsonl").touch()
-    assert not training.has_checkpoint(tmp_path)
+    assert not checkpoint.has_checkpoint(tmp_path)
     (tmp_path / "train-low-drail-seed-0.checkpoint.h5").touch()
-    assert training.has_checkpoint(tmp_path)
-    training.remove_checkpoints(tmp_path)
-    assert not training.has_checkpoint(tmp_path)
+    assert checkpoint.has_checkpoint(tmp_path)
+    checkpoint.remove_checkpoints(tmp_path)
+    assert not checkpoint.has_checkpoint(tmp_path)
 
 
 @pytest.mark.slow
@@ -329,6 +331,6 @@ def test_a_checkpoint_is_small_enough_to_travel(robot, make_motions, tmp_path, c
                 parameter.grad = torch.zeros_like(parameter)
         optimizer.step()
     path = tmp_path / "large.checkpoint.h5"
-    training._save(trainer, path, 1, 0.0, {}, context, {})
+    checkpoint.save_checkpoint(trainer, path, 1, 0.0, {}, context, {})
     assert 1e6 < path.stat().st_size < 16e6
-    training._restore(trainer, path, seed=0)
+    checkpoint.restore_checkpoint(trainer, path, seed=0)

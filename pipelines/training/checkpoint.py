@@ -1,0 +1,123 @@
+"""Checkpoints of a training."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from lacoloco.datasets.artifact import read_artifact, write_artifact
+from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.state import flatten_state, unflatten_state
+from lacoloco.pipelines.learn import parallel
+from lacoloco.pipelines.stage import StageContext
+from lacoloco.pipelines.training.trainer import Trainer
+
+CHECKPOINT = "lacoloco/checkpoint"
+LAYOUT = 2
+"""Of a trainer's state: counts up when its parts are renamed."""
+INDIVIDUAL = ("env", "latent", "latents", "restarts", "exploring", "generator", "draw")
+"""Parts of a trainer's state that every process of a training has for itself: its worlds and its
+generators.
+"""
+
+
+def checkpoint_path(directory: Path, description: str) -> Path:
+    """Where a training's checkpoint lies in its stage's directory."""
+    return directory / f"{description.replace(' ', '-')}.checkpoint.h5"
+
+
+def has_checkpoint(directory: Path) -> bool:
+    """Whether a training in a stage's directory got as far as its first checkpoint."""
+    return any(directory.glob("*.checkpoint.h5"))
+
+
+def remove_checkpoints(directory: Path) -> None:
+    """Delete the checkpoints in a stage's directory, once its artifact holds what they were for."""
+    for path in directory.glob("*.checkpoint.h5"):
+        path.unlink()
+
+
+def save_checkpoint(
+    trainer: Trainer,
+    path: Path,
+    iteration: int,
+    elapsed: float,
+    metrics: dict[str, float],
+    context: StageContext,
+    config: dict[str, Any],
+) -> None:
+    """Write a checkpoint; it replaces the one before."""
+    state = {
+        "trainer": trainer.state_dict(),
+        "torch_rng": torch.get_rng_state(),
+        "metrics": metrics,
+    }
+    if context.device.startswith("cuda"):
+        state["cuda_rng"] = torch.cuda.get_rng_state()
+    arrays, structure = flatten_state(state)
+    metadata = {
+        "layout": LAYOUT,
+        "structure": structure,
+        "iteration": iteration,
+        "elapsed_s": elapsed,
+        "processes": parallel.size(),
+    }
+    write_artifact(
+        path,
+        CHECKPOINT,
+        arrays,
+        metadata=metadata,
+        config=config,
+        seed=context.seed,
+        robot=None,
+        command=context.command,
+        replace=True,
+    )
+
+
+def restore_checkpoint(
+    trainer: Trainer, path: Path, seed: int
+) -> tuple[int, float, dict[str, float]]:
+    """Continue from a checkpoint, if there is one.
+
+    Returns:
+        Iterations done, seconds they took, metrics of the last one.
+
+    Raises:
+        ArtifactError: The checkpoint is damaged, or of another version.
+    """
+    if not path.exists():
+        return 0, 0.0, {}
+    artifact = read_artifact(path, CHECKPOINT)
+    if artifact.metadata.get("layout") != LAYOUT:
+        raise ArtifactError(
+            f"{path}: a checkpoint of another version of lacoloco; finish it with that version, or "
+            "start the training again"
+        )
+    state = unflatten_state(artifact.arrays, artifact.metadata["structure"])
+    iteration = int(artifact.metadata["iteration"])
+    if parallel.rank() == 0 and artifact.metadata.get("processes", 1) == parallel.size():
+        trainer.load_state_dict(state["trainer"])
+        torch.set_rng_state(state["torch_rng"])
+        if "cuda_rng" in state and torch.cuda.is_available():
+            torch.cuda.set_rng_state(state["cuda_rng"])
+    else:
+        # The file holds the first process's worlds: the others go on with new ones, or they would
+        # do the same again. So does the first one when there are more or fewer processes now, and
+        # its share is another.
+        trainer.load_state_dict(_with_own(state["trainer"], trainer.state_dict()))
+        torch.manual_seed(parallel.own_seed(seed) + iteration)
+    return iteration, float(artifact.metadata["elapsed_s"]), state["metrics"]
+
+
+def _with_own(loaded: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """``loaded`` with what is individual taken from ``own``, at every depth."""
+    merged = dict(loaded)
+    for name, value in loaded.items():
+        if name in INDIVIDUAL:
+            merged[name] = own[name]
+        elif isinstance(value, dict) and isinstance(own.get(name), dict):
+            merged[name] = _with_own(value, own[name])
+    return merged
