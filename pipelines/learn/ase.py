@@ -232,54 +232,68 @@ class Ase(Ppo):
         }
 
     def _update_style(self) -> dict[str, float]:
-        ase, totals = self.ase, {}
-        valid = torch.nonzero(self.valid.flatten()).flatten()
-        # The memory keeps raw transitions: the statistics move on.
-        raw = self.transitions.flatten(0, 1)[valid]
-        agent = self.normalizer(raw)
-        z = self.storage.observations[LATENT].flatten(0, 1)[valid]
-        few = max(1, int(ase.replay_share * len(agent)))
-        kept = torch.randperm(len(agent), generator=self.generator, device=self.device)[:few]
-        self.replay.add(raw[kept])
-        order = torch.randperm(len(agent), generator=self.generator, device=self.device)
-        for index in range(ase.updates):
-            # Every minibatch draws from all worlds and all steps (facts 9.2, B10).
-            rows = order[
-                torch.arange(index * ase.batch, (index + 1) * ase.batch, device=self.device)
-                % len(order)
-            ]
-            half = rows[: ase.batch // 2]
-            policy = torch.cat(
-                (agent[half], self.normalizer(self.replay.sample(ase.batch - len(half))))
-            )
-            demo = self.normalizer(self.demonstrations(ase.batch))
-            loss, metrics = self.discriminator.loss(policy, demo, self.generator)
-            # A factor, not a branch: nothing waits for the device, and every process takes the same
-            # steps.
-            accuracy = parallel.average(
-                0.5 * (metrics["agent_accuracy"] + metrics["demo_accuracy"])
-            )
-            behind = accuracy < self.discriminator.config.max_accuracy
-            _descend(self.discriminator_optimizer, loss * behind)
-            miss = encoder_loss(self.encoder(agent[rows]), z[rows])
-            anchored = ase.labelled_encoder_weight > 0.0 and self.labelled is not None
-            _descend(
-                self.encoder_optimizer,
-                miss + ase.labelled_encoder_weight * self._labelled_loss(ase.batch // 2)
-                if anchored
-                else miss,
-            )
-            for name, value in {
-                **metrics,
-                "discriminator": loss.detach(),
-                "encoder": miss.detach(),
-            }.items():
+        """Train discriminator and encoder on this rollout; returns mean metrics."""
+        transitions, latents = self._remember_rollout()
+        order = torch.randperm(len(transitions), generator=self.generator, device=self.device)
+        totals: dict[str, torch.Tensor] = {}
+        for index in range(self.ase.updates):
+            rows = _minibatch(order, index, self.ase.batch)
+            metrics = self._update_discriminator(transitions[rows[: self.ase.batch // 2]])
+            metrics |= self._update_encoder(transitions[rows], latents[rows])
+            for name, value in metrics.items():
                 totals[name] = totals.get(name, 0.0) + value
-        return {name: float(total) / ase.updates for name, total in totals.items()}
+        return {name: float(total) / self.ase.updates for name, total in totals.items()}
+
+    def _remember_rollout(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Put a share of the rollout's transitions into the replay buffer.
+
+        Returns:
+            All its valid transitions (n, 2F), normalised, and their latents (n, d).
+        """
+        valid = torch.nonzero(self.valid.flatten()).flatten()
+        raw = self.transitions.flatten(0, 1)[valid]
+        latents = self.storage.observations[LATENT].flatten(0, 1)[valid]
+        few = max(1, int(self.ase.replay_share * len(raw)))
+        kept = torch.randperm(len(raw), generator=self.generator, device=self.device)[:few]
+        # Raw transitions, because the normaliser's statistics change.
+        self.replay.add(raw[kept])
+        return self.normalizer(raw), latents
+
+    def _update_discriminator(self, current: torch.Tensor) -> dict[str, torch.Tensor]:
+        """One gradient step on current transitions (n, 2F), replayed ones and demonstrations."""
+        replayed = self.normalizer(self.replay.sample(self.ase.batch - len(current)))
+        demonstrated = self.normalizer(self.demonstrations(self.ase.batch))
+        agent = torch.cat((current, replayed))
+        loss, metrics = self.discriminator.loss(agent, demonstrated, self.generator)
+        accuracy = parallel.average(0.5 * (metrics["agent_accuracy"] + metrics["demo_accuracy"]))
+        # A factor, not a branch: nothing waits for the device, and all processes take the same
+        # steps.
+        learns = accuracy < self.discriminator.config.max_accuracy
+        _descend(self.discriminator_optimizer, loss * learns)
+        return {**metrics, "discriminator": loss.detach()}
+
+    def _update_encoder(
+        self, transitions: torch.Tensor, latents: torch.Tensor
+    ) -> dict[str, torch.Tensor]:
+        """One gradient step on transitions (n, 2F) with their latents (n, d), and on labelled
+        demonstrations.
+        """
+        loss = encoder_loss(self.encoder(transitions), latents)
+        total, weight = loss, self.ase.labelled_encoder_weight
+        if weight > 0.0 and self.labelled is not None:
+            total = loss + weight * self._labelled_loss(self.ase.batch // 2)
+        _descend(self.encoder_optimizer, total)
+        return {"encoder": loss.detach()}
 
     def _labelled_loss(self, count: int) -> torch.Tensor:
         transitions, z = self.labelled(count, self.generator)
         return encoder_loss(self.encoder(self.normalizer(transitions)), z)
+
+
+def _minibatch(order: torch.Tensor, index: int, size: int) -> torch.Tensor:
+    """(size,) rows of minibatch ``index``, from the start of ``order`` again where it ends."""
+    places = torch.arange(index * size, (index + 1) * size, device=order.device)
+    return order[places % len(order)]
 
 
 def _adam(module: torch.nn.Module, rate: float) -> torch.optim.Adam:
