@@ -67,15 +67,11 @@ class HighTrainer:
         env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)
         # Evenly among the worlds: PPO orders them by how often they act on the mean.
         place = torch.arange(config.worlds, device=device)
-        env.noise[
-            ((place + 1) * config.noise_free_fraction).long()
-            > (place * config.noise_free_fraction).long()
-        ] = 0.0
+        share = config.noise_free_fraction
+        env.set_noise_free(((place + 1) * share).long() > (place * share).long())
         self.latent_dim = low.head.sizes["latent"]
         self.env = LatentSteeredEnv(env, low, self.latent_dim)
-        # Whole decisions only, so that time-outs stay on the boundary between two latents.
-        decisions = (env.task.episode_steps // HOLD_STEPS, (config.worlds,))
-        env.steps = HOLD_STEPS * torch.randint(0, *decisions, generator=env.draw, device=env.device)
+        env.stagger_by(HOLD_STEPS)
         sizes = {POLICY: width(self.env.terms)}
         self.algorithm = Ppo(
             sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device

@@ -20,7 +20,6 @@ from lacoloco.pipelines.learn.networks import annealed, set_std
 from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
 from lacoloco.pipelines.low_level.checkpoint_selection import Selection
 from lacoloco.pipelines.low_level.config import TrainLowConfig
-from lacoloco.pipelines.masking import put, select
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, previous_actions
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -198,9 +197,7 @@ class LowTrainer:
         }
 
     def _lengthen_episodes(self) -> None:
-        worlds = select(self.long_horizon)
-        put(self.env.episode_steps, worlds, round(LONG_HORIZON_S / CONTROL_DT))
-        put(self.env.clip_share, worlds, 0.0)
+        self.env.set_episodes(self.long_horizon, LONG_HORIZON_S, clip_share=0.0)
         self.latents.random_walk = self.long_horizon
 
     def _starts(self, count: int) -> torch.Tensor:

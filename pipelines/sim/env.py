@@ -216,6 +216,32 @@ class LeggedEnv:
         """
         self.steps = (self._uniform(self.num_worlds) * self.episode_steps).long()
 
+    def stagger_by(self, hold: int) -> None:
+        """Spread the ages likewise, each a multiple of ``hold`` control steps, so that time-outs
+        stay between two decisions.
+        """
+        shape = (self.num_worlds,)
+        ages = torch.randint(
+            0, self.task.episode_steps // hold, shape, generator=self.draw, device=self.device
+        )
+        self.steps = hold * ages
+
+    def set_noise_free(self, mask: torch.Tensor) -> None:
+        """Observe the worlds of ``mask`` (N,) bool without noise from now on."""
+        self.noise[mask] = 0.0
+
+    def set_episodes(self, mask: torch.Tensor, seconds: float, clip_share: float) -> None:
+        """Give the worlds of ``mask`` (N,) bool episodes of their own.
+
+        Args:
+            mask: Which worlds.
+            seconds: Time-out [s].
+            clip_share: Share of their resets that start inside a clip.
+        """
+        worlds = select(mask)
+        put(self.episode_steps, worlds, round(seconds / CONTROL_DT))
+        put(self.clip_share, worlds, clip_share)
+
     def end_effector(self) -> torch.Tensor:
         """(N, 3) world position of the end effector [m]; computed once per state."""
         if self._tip is None:

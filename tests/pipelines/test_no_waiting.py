@@ -20,7 +20,6 @@ from lacoloco.pipelines.high_level import trainer as high_level
 from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn import latents, ppo
 from lacoloco.pipelines.learn.ppo import PpoConfig
-from lacoloco.pipelines.low_level import trainer as low_level
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.sim import env
 from lacoloco.pipelines.sim import episode_restarts as restarts
@@ -113,7 +112,7 @@ def make_trainer(solo12, monkeypatch):
 
     def factory(kind, device="cpu"):
         if device == "cpu":
-            for module in (env, latents, low_level, ppo, restarts):
+            for module in (env, latents, ppo, restarts):
                 monkeypatch.setattr(module, "select", lambda mask: mask)
             for module in (experts, high_level):
                 monkeypatch.setattr(module, "perhaps_any", lambda mask: True)
