@@ -57,7 +57,7 @@ def test_a_reset_brings_a_new_latent():
     assert torch.allclose(latents.z.norm(dim=-1), torch.ones(3), atol=1e-6)
 
 
-def test_wandering_latents_move_on_in_small_steps_until_a_reset():
+def test_latent_random_walks_move_on_in_small_steps_until_a_reset():
     wandering = torch.arange(400) < 200
     config = LatentConfig(
         min_steps=50,
@@ -82,7 +82,7 @@ def test_wandering_latents_move_on_in_small_steps_until_a_reset():
     )
 
 
-def test_every_wandering_world_has_a_stride_of_its_own_and_some_steps_are_jumps():
+def test_every_random_walk_has_a_step_size_of_its_own_and_resamples_now_and_then():
     latents = LatentSchedule(
         4000,
         LatentConfig(
@@ -94,7 +94,7 @@ def test_every_wandering_world_has_a_stride_of_its_own_and_some_steps_are_jumps(
     before = latents.z
     latents.advance(torch.zeros(4000, dtype=torch.bool))
     cosine = (latents.z * before).sum(dim=-1)
-    slow, fast = latents.stride < 0.05, latents.stride > 0.7
+    slow, fast = latents.step_size < 0.05, latents.step_size > 0.7
     assert 0.1 < float(slow.float().mean()) < 0.2, "a seventh of the strides, geometrically spread"
     assert float(cosine[slow].median()) > 0.99 > 0.6 > float(cosine[fast].median())
     assert 0.05 < float((cosine[slow] < 0.9).float().mean()) < 0.15, "the jumps"
