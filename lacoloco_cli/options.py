@@ -28,6 +28,10 @@ Set = Annotated[
     list[str] | None,
     _option("--set", metavar="KEY=VALUE", help="Change one config field; may be repeated."),
 ]
+ShowConfig = Annotated[
+    bool,
+    _option("--show-config", help="Only list every key of --set: value, type, unit, meaning."),
+]
 Seed = Annotated[int, _option("--seed", min=0, help="Seed of everything random.")]
 Device = Annotated[
     str,
@@ -79,6 +83,7 @@ STAGE = (
     _parameter("run", Run, None),
     _parameter("preset", Preset, "laptop"),
     _parameter("overrides", Set, None),
+    _parameter("show_config", ShowConfig, False),
     _parameter("seed", Seed, 0),
     _parameter("device", Device, "cpu"),
     _parameter("resume", Resume, False),

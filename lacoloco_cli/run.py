@@ -31,6 +31,7 @@ Set = Annotated[
 SHARED = tuple(
     parameter.replace(annotation=Set) if parameter.name == "overrides" else parameter
     for parameter in STAGE
+    if parameter.name != "show_config"
 )
 
 Methods = Annotated[

@@ -12,7 +12,7 @@ import shlex
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from inspect import Parameter
 from pathlib import Path
@@ -43,6 +43,7 @@ class Session:
     run: str | None = None
     preset: str | None = None
     overrides: Sequence[str] = ()
+    show_config: bool = False
     seed: int = 0
     device: str = "cpu"
     resume: bool = False
@@ -90,11 +91,27 @@ class Session:
 
         Raises:
             UserError: Unknown preset (the known ones are listed), key, or type of a value.
+            typer.Exit: With `--show-config`, after it was shown: the stage does not run.
         """
         if self.preset is None or self.preset not in presets:
             known = ", ".join(presets)
             raise UserError(f"--preset {self.preset}: not a preset of {self.verb}; use {known}")
-        return apply_overrides(presets[self.preset](), self.overrides)
+        config = apply_overrides(presets[self.preset](), self.overrides)
+        if self.show_config:
+            self.answer_config(config)
+            raise typer.Exit
+        return config
+
+    def answer_config(self, config: Any) -> None:
+        """Show every key of a config with value, type, unit and meaning."""
+        from lacoloco_cli.config_table import keys_of, value_text
+
+        keys = list(keys_of(config))
+        rows = [[k.key, value_text(k.value), k.type, k.unit, k.meaning] for k in keys]
+        self.answer(
+            {"verb": self.verb, "preset": self.preset, "config": [asdict(key) for key in keys]},
+            lambda: console.print_table(["key", "value", "type", "unit", "meaning"], rows),
+        )
 
     def context(self, seed: int | None = None, *, resume: bool | None = None) -> StageContext:
         """Make the context a stage runs in, and remember the run as the one used last.

@@ -35,7 +35,13 @@ INPUTS = {"policy": "observation", "latent": "latent"}
 
 @dataclass(frozen=True)
 class ExportConfig:
-    """How the exported files are checked: rows of random observations, seconds of recorded ones."""
+    """How the exported files are written and checked.
+
+    Attributes:
+        random_rows: random observations on which torch and onnxruntime are compared.
+        recorded_seconds: length of the simulated motion on which they are compared, too [s].
+        opset: version of ONNX's operators.
+    """
 
     random_rows: int = 256
     recorded_seconds: float = 4.0
