@@ -143,7 +143,7 @@ def run(
         {
             "stage": outcome.stage,
             "seconds": outcome.seconds,
-            "figures": outcome.figures,
+            "summary": outcome.summary,
             "artifact": path_text(outcome.artifact),
         }
         for outcome in outcomes
@@ -152,7 +152,7 @@ def run(
 
     def show() -> None:
         rows = [
-            (row["stage"], console.duration_text(row["seconds"]), row["figures"], row["artifact"])
+            (row["stage"], console.duration_text(row["seconds"]), row["summary"], row["artifact"])
             for row in stages
         ]
         rows.append(("total", console.duration_text(seconds), "", ""))

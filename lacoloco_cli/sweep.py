@@ -79,7 +79,7 @@ def run_sweep(session: Session, asked: Sweep, *, status: bool) -> None:
         table = [[row[column] for column in columns] for row in rows]
         console.print_table(list(columns), table)
         if evaluation:
-            typer.echo(f"evaluation: {evaluation.figures}; {path_text(evaluation.artifact)}")
+            typer.echo(f"evaluation: {evaluation.summary}; {path_text(evaluation.artifact)}")
 
     session.answer(payload, show)
     if payload["counts"]["failed"]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
+from statistics import fmean, stdev
 from typing import Any
 
 from lacoloco.pipelines.chains.experiments import (
@@ -35,7 +36,7 @@ class Outcome:
 
     stage: str
     seconds: float
-    figures: str
+    summary: str
     artifact: Path
 
 
@@ -299,7 +300,7 @@ class _Chain:
             config, replace(context, resume=context.resume and unfinished), **inputs
         )
         return Outcome(
-            verb, time.monotonic() - begin, headline(verb, result.metrics), result.artifact
+            verb, time.monotonic() - begin, summarise(verb, result.metrics), result.artifact
         )
 
     def config(self, verb: str) -> Any:
@@ -337,12 +338,30 @@ class _Chain:
         return next(path for path in policies if str(path) == best)
 
 
-def headline(verb: str, metrics: dict[str, Any]) -> str:
-    """The few figures of a stage that a person wants to see, in one line."""
-    return HEADLINES[verb](metrics)
+def summarise(verb: str, metrics: dict[str, Any]) -> str:
+    """The few metrics of a stage that a person wants to see, in one line."""
+    return SUMMARIES[verb](metrics)
 
 
-HEADLINES: dict[str, Callable[[dict[str, Any]], str]] = {
+def _evaluated(metrics: dict[str, Any]) -> str:
+    """Mean and sample spread over the seeds of every method; never the best seed in their place."""
+    lines = []
+    for method in metrics["summary"]:
+        rows = [row for row in metrics["rows"] if row["method"] == method]
+        error, violation, falls = (
+            [row[key] for row in rows]
+            for key in ("ee_error_mean_m", "contact_violation_pct", "falls_pct")
+        )
+        spread = f" +- {100 * stdev(error):.1f}" if len(rows) > 1 else ""
+        seeds = f"mean of {len(rows)} seeds" if len(rows) > 1 else f"seed {rows[0]['seed']}"
+        lines.append(
+            f"{method}, {seeds}: error {100 * fmean(error):.1f}{spread} cm, "
+            f"violation {fmean(violation):.2f} %, falls {fmean(falls):.2f} %"
+        )
+    return "; ".join(lines)
+
+
+SUMMARIES: dict[str, Callable[[dict[str, Any]], str]] = {
     "generate": lambda m: (
         f"{m['clips']} clips, {m['seconds']:.0f} s; walking error {m['walk_error_mean']:.3f} m/s, "
         f"reaching error {100 * m['reach_error_mean']:.1f} cm"
@@ -361,12 +380,7 @@ HEADLINES: dict[str, Callable[[dict[str, Any]], str]] = {
     "train-high": lambda m: (
         f"error {100 * m['trained_error']:.1f} cm, untrained {100 * m['untrained_error']:.1f} cm"
     ),
-    "eval": lambda m: (
-        f"error {100 * m['best']['ee_error_mean_m']:.1f} +- "
-        f"{100 * m['best']['ee_error_std_m']:.1f} cm, "
-        f"violation {m['best']['contact_violation_pct']:.2f} %, falls "
-        f"{m['best']['falls_pct']:.2f} %"
-    ),
+    "eval": _evaluated,
     "export": lambda m: f"low.onnx, high.onnx; largest difference {m['max_abs_difference']:.1g}",
     "play": lambda m: str(m["html"]),
 }

@@ -42,7 +42,7 @@ def ran(monkeypatch):
         return SimpleNamespace(run=run)
 
     monkeypatch.setattr(chain, "import_module", fake)
-    monkeypatch.setattr(chain, "headline", lambda verb, metrics: "")
+    monkeypatch.setattr(chain, "summarise", lambda verb, metrics: "")
     monkeypatch.setattr(chain._Chain, "config", lambda *_: None)
     return calls
 
@@ -157,3 +157,23 @@ def test_a_setting_of_the_low_level_is_not_lost_to_a_published_one(ran, folder, 
     ran.clear()
     chain.run("quickstart", context, preset="smoke", settings={"train-low": {"samples": 3}})
     assert verbs(ran) == WHOLE
+
+
+def row(method, seed, error):
+    return {
+        "method": method,
+        "seed": seed,
+        "ee_error_mean_m": error,
+        "contact_violation_pct": 0.1,
+        "falls_pct": 0.3,
+    }
+
+
+def test_an_evaluation_of_several_seeds_is_summed_up_by_mean_and_spread_not_by_the_best():
+    rows = [row("drail", 0, 0.01), row("drail", 1, 0.03), row("gan", 4, 0.05)]
+    metrics = {"rows": rows, "best": rows[0], "summary": {"drail": {}, "gan": {}}}
+    several, single = chain.summarise("eval", metrics).split("; ")
+    assert several == (
+        "drail, mean of 2 seeds: error 2.0 +- 1.4 cm, violation 0.10 %, falls 0.30 %"
+    )
+    assert single == "gan, seed 4: error 5.0 cm, violation 0.10 %, falls 0.30 %"
