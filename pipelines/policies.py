@@ -14,6 +14,7 @@ from rsl_rl.models import MLPModel
 
 from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.old_names import translated
 from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.robot import record_of
@@ -101,8 +102,9 @@ def load_policies(
     states = unflatten_state(artifact.arrays, artifact.metadata["structure"])
     policies = {}
     for role, data in artifact.metadata["heads"].items():
+        stored = translated("NetworkConfig", data["networks"])
         networks = NetworkConfig(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in data["networks"].items()}
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
         )
         head = Head(**{**data, "networks": networks})
         actor = make_actor(head.sizes, head.actions, networks)

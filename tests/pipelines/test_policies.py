@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from lacoloco.datasets import published
 from lacoloco.datasets.artifact import write_artifact
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.store import RunStore
@@ -105,3 +106,10 @@ def test_a_policy_with_a_flipped_bit_in_a_weight_is_refused(path, both):
     path.write_bytes(data)
     with pytest.raises(ArtifactError, match=r"artifact.h5"):
         load_policies(path)
+
+
+@pytest.mark.parametrize("name", ["solo12-experts", "solo12-synthetic-low", "solo12-synthetic"])
+def test_published_policies_of_earlier_versions_load(name):
+    path = published.find(name)
+    artifact, policies = load_policies(path)
+    assert policies.keys() == artifact.metadata["heads"].keys()
