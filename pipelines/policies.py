@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from rsl_rl.models import MLPModel
@@ -103,9 +103,8 @@ def load_policies(
     policies = {}
     for role, data in artifact.metadata["heads"].items():
         stored = translated("NetworkConfig", data["networks"])
-        networks = NetworkConfig(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
-        )
+        listed = {k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
+        networks = NetworkConfig(**cast("dict[str, Any]", listed))
         head = Head(**{**data, "networks": networks})
         actor = make_actor(head.sizes, head.actions, networks)
         actor.load_state_dict(states[role])

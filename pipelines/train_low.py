@@ -139,14 +139,17 @@ def shared(config: TrainLowConfig) -> TrainLowConfig:
     """
     ase = config.ase
     try:
-        rows = {name: parallel.share(getattr(ase, name)) for name in ("batch", "replay_capacity")}
+        batch, capacity = parallel.share(ase.batch), parallel.share(ase.replay_capacity)
         worlds = parallel.share(config.worlds)
     except ValueError as error:
         raise StageError(
             f"{error}; --set worlds, ase.batch and ase.replay_capacity to multiples"
         ) from error
     return replace(
-        config, worlds=worlds, samples=config.samples // parallel.size(), ase=replace(ase, **rows)
+        config,
+        worlds=worlds,
+        samples=config.samples // parallel.size(),
+        ase=replace(ase, batch=batch, replay_capacity=capacity),
     )
 
 

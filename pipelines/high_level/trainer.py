@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict
@@ -56,11 +56,12 @@ class HighTrainer:
         self.config = config
         self.not_reached = spec.skills.not_reached
         task = load_task(spec, "reach")
+        command = task.command
+        if isinstance(command, TargetCommand):
+            command = replace(command, near=config.near_target_fraction)
         task = replace(
             task,
-            command=replace(task.command, near=config.near_target_fraction)
-            if task.has_target
-            else task.command,
+            command=command,
             randomisation=widened(task.randomisation, config.randomisation),
             fall_tilt=spec.terminations.training_tilt,
         )
@@ -218,10 +219,10 @@ class HighTrainer:
         return TensorDict({POLICY: self.env.observe()}, batch_size=[self.env.num_worlds])
 
     def _random_observations(self) -> TensorDict:
-        seen = []
+        seen: list[Any] = []
         for _ in range(8):
             z = project(torch.randn(self.env.num_worlds, self.latent_dim, device=self.env.device))
             decision = self.env.step(z)
             self.env.reset(decision.done)
             seen.append(self._observe())
-        return torch.cat(seen)
+        return cast("TensorDict", torch.cat(seen))

@@ -101,11 +101,7 @@ class Ase(Ppo):
         self.ase, self.demonstrations = ase, demonstrations
         dim = demonstrations(1).shape[-1]
         self.normalizer = TransitionNormalizer(dim // 2).to(device)
-        network = {
-            "gan": lambda: GanDiscriminator(dim, ase.gan),
-            "drail": lambda: DrailDiscriminator(dim, ase.drail),
-        }
-        self.discriminator = network[ase.discriminator]().to(device)
+        self.discriminator = _discriminator(dim, ase).to(device)
         self.encoder = SkillEncoder(dim, sizes[LATENT], ase.encoder_hidden).to(device)
         parallel.copy_from_first(self.discriminator, self.encoder)
         self.discriminator_optimizer = _adam(self.discriminator, ase.learning_rate)
@@ -286,8 +282,14 @@ class Ase(Ppo):
         return {"encoder": loss.detach()}
 
     def _labelled_loss(self, count: int) -> torch.Tensor:
+        assert self.labelled is not None
         transitions, z = self.labelled(count, self.generator)
         return encoder_loss(self.encoder(self.normalizer(transitions)), z)
+
+
+def _discriminator(dim: int, ase: AseConfig) -> GanDiscriminator | DrailDiscriminator:
+    kind = {"gan": GanDiscriminator, "drail": DrailDiscriminator}[ase.discriminator]
+    return kind(dim, getattr(ase, ase.discriminator))
 
 
 def _minibatch(order: torch.Tensor, index: int, size: int) -> torch.Tensor:

@@ -62,6 +62,7 @@ class DrailDiscriminator(nn.Module):
         self.exit = nn.Linear(config.hidden, transition_dim)
         nn.init.normal_(self.time.weight, std=0.5)
         nn.init.normal_(self.label.weight, std=0.5)
+        self.alpha_bar: torch.Tensor
         self.register_buffer("alpha_bar", cosine_schedule(config.steps))
 
     def logits(self, transition: torch.Tensor, generator: torch.Generator) -> torch.Tensor:

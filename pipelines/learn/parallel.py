@@ -132,7 +132,7 @@ def copy_from_first(*modules: torch.nn.Module) -> None:
             distributed.broadcast(tensor, src=0)
 
 
-def from_first(value: Shared | None) -> Shared:
+def from_first(value: Shared | None) -> Any:
     """The first process's value (anything that can be pickled), wherever this is called; others
     pass None.
     """

@@ -224,7 +224,8 @@ class Ppo(PPO):
         Every minibatch draws from all worlds and steps; in the original's code each is one part of
         the worlds.
         """
-        config, totals, count = self.config, {}, 0
+        config, count = self.config, 0
+        totals: dict[str, torch.Tensor] = {}
         for batch in self.storage.mini_batch_generator(config.minibatches, config.epochs):
             loss, metrics = self._loss(batch)
             self.optimizer.zero_grad(set_to_none=True)
@@ -235,19 +236,19 @@ class Ppo(PPO):
             torch.nn.utils.clip_grad_norm_(self.critic.parameters(), config.max_grad_norm)
             self.optimizer.step()
             for name, value in metrics.items():
-                totals[name] = totals.get(name, 0.0) + value.detach()
+                totals[name] = totals.get(name, torch.zeros_like(value)) + value.detach()
             count += 1
         # Statistics move only here, so that a rollout and its update see the same network.
         observations = self.storage.observations.flatten(0, 1)
         self.actor.update_normalization(observations)
         self.critic.update_normalization(observations)
-        metrics = {name: float(total) / count for name, total in totals.items()}
-        metrics |= {
+        means = {name: float(total) / count for name, total in totals.items()}
+        means |= {
             "learning_rate": float(self.learning_rate),
             "explained_variance": self._explained_variance(),
         }
         self.storage.clear()
-        return metrics
+        return means
 
     def save(self) -> dict[str, object]:
         """rsl_rl's state and how each world explores."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict
@@ -281,7 +281,7 @@ class LowTrainer:
     def _first_observations(self) -> TensorDict:
         # With actions: columns of the last action that never moved would be scaled up a
         # hundredfold.
-        seen = []
+        seen: list[Any] = []
         for _ in range(8):
             self.env.reset(
                 torch.ones(self.env.num_worlds, dtype=torch.bool, device=self.env.device)
@@ -293,7 +293,7 @@ class LowTrainer:
                 self.env.step(spread)
                 seen.append(self._observe())
         self.env.stagger()
-        return torch.cat(seen)
+        return cast("TensorDict", torch.cat(seen))
 
 
 def _task(spec: RobotSpec, config: TrainLowConfig) -> Task:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -107,6 +107,7 @@ class LeggedEnv:
         self.diverged_total = torch.zeros((), dtype=torch.long, device=self.device)
         self.parameters = draw_parameters(task.randomisation, num_worlds, self.draw)
         self.physics.set_parameters(self.parameters)
+        self._tip: torch.Tensor | None = None
         self._read()
         self.reset(torch.ones(num_worlds, dtype=torch.bool, device=self.device))
 
@@ -256,7 +257,7 @@ class LeggedEnv:
         """(N,) norm of the commanded velocity (m/s and rad/s taken alike)."""
         return torch.linalg.vector_norm(self.command, dim=-1)
 
-    def state_dict(self) -> dict[str, object]:
+    def state_dict(self) -> dict[str, Any]:
         """Everything that makes the next step what it is."""
         tensors = {key: getattr(self, key) for key in _STATE}
         return {
@@ -268,7 +269,7 @@ class LeggedEnv:
             **tensors,
         }
 
-    def load_state_dict(self, state: dict[str, object]) -> None:
+    def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore :meth:`state_dict`."""
         columns = {name: values.to(self.device) for name, values in state["parameters"].items()}
         self.parameters = WorldParameters(**columns)
@@ -283,7 +284,7 @@ class LeggedEnv:
 
     def _read(self) -> None:
         self.state = RobotState.from_generalized(self.physics.qpos, self.physics.qvel)
-        self._tip: torch.Tensor | None = None
+        self._tip = None
 
     def _reward(self) -> torch.Tensor:
         total = torch.zeros(self.num_worlds, device=self.device)
@@ -316,6 +317,7 @@ class LeggedEnv:
 
     def _commands(self, count: int) -> torch.Tensor:
         # Targets are relative to the middle of the reset spread, the worlds' origin.
+        assert self.task.command is not None
         return self.task.command.sample(torch.zeros(count, 3, device=self.device), self.draw)
 
     def _later(self, seconds: tuple[float, float] | None, count: int) -> torch.Tensor:

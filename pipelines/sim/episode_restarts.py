@@ -9,6 +9,7 @@ targets that are never reached: they lie in narrow ranges of directions, which a
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 
@@ -149,7 +150,7 @@ class EpisodeRestarts:
         put(latent, worlds, kept["latent"])
         return latent
 
-    def state_dict(self) -> dict[str, object]:
+    def state_dict(self) -> dict[str, Any]:
         """Snapshots, their count, generator."""
         small = sum(values.nbytes for values in self._kept.values()) <= STATE_BYTES
         flags = {"restarted": self.restarted, "start_known": self._start_known}
@@ -157,7 +158,7 @@ class EpisodeRestarts:
         count = self._count if small else 0
         return {"count": count, "generator": self.generator.get_state(), **kept}
 
-    def load_state_dict(self, state: dict[str, object]) -> None:
+    def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore :meth:`state_dict`; without snapshots where it holds none."""
         self.generator.set_state(state["generator"])
         if "start_known" not in state:

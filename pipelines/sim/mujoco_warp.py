@@ -184,6 +184,7 @@ class WarpPhysics:
         """Record the substeps without running them. Torch's default stream cannot be captured, a
         stream of Warp's can.
         """
+        assert self._stream is not None
         wp.synchronize_device(self._stream.device)
         gc.collect()
         gc.disable()  # an array freed during the capture would spoil it

@@ -150,7 +150,8 @@ def noise_scale(terms: tuple[Term, ...]) -> torch.Tensor:
 
 def layout(terms: tuple[Term, ...]) -> list[dict[str, object]]:
     """The layout as plain data with [start, stop) slices, for the metadata of exported policies."""
-    rows, start = [], 0
+    rows: list[dict[str, object]] = []
+    start = 0
     for term in terms:
         rows.append(
             {
