@@ -27,7 +27,9 @@ COLUMNS = {
     "ee_error_median_m": "median m",
     "contact_violation_pct": "violation %",
     "falls_pct": "falls %",
-    "missed_pct": "missed %",
+    "not_reached_pct": "not reached %",
+    "success_5cm_pct": "within 5 cm %",
+    "success_30cm_pct": "within 30 cm %",
 }
 """Key of a row -> heading."""
 
@@ -104,22 +106,19 @@ def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path
 
 
 def show(answer: Mapping[str, Any]) -> None:
-    """Print a row per policy, who stayed and where failures crowd, mean and spread over seeds, the
-    best.
-    """
+    """Print a row per policy, its failure analysis, mean and spread over seeds, and the best."""
     from lacoloco.pipelines.evaluation.failure_analysis import describe
 
     rows = answer["rows"]
     console.print_table(list(COLUMNS.values()), [[row[key] for key in COLUMNS] for row in rows])
     for row in rows:
         who = f"{row['method']} seed {row['seed']}"
-        if row["missed"]:
+        if row["not_reached"]:
             typer.echo(
-                f"{who}, missed: {row['stayed']} of {row['missed']} end about as far away as they "
-                "began"
+                f"{who}, not reached: {row['no_progress']} of {row['not_reached']} make no progress"
             )
-        for crowd in row["crowds"]:
-            typer.echo(f"{who}, {describe(crowd)}")
+        for cluster in row["failure_clusters"]:
+            typer.echo(f"{who}, {describe(cluster)}")
     for method, figures in answer["summary"].items():
         if figures["seeds"] > 1:
             typer.echo(

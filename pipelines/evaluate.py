@@ -12,7 +12,7 @@ import numpy as np
 from lacoloco.datasets.artifact import Artifact, write_artifact
 from lacoloco.datasets.hardware import describe_machine
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.evaluation.episodes import FIGURES, Episodes, play_episodes
+from lacoloco.pipelines.evaluation.episodes import METRICS, Episodes, play_episodes
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.sim.commands import Range
@@ -115,13 +115,13 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
-    """Mean and standard deviation over seeds of every figure, by method."""
+    """Mean and standard deviation over seeds of every metric, by method."""
     result: dict[str, dict[str, float]] = {}
     for method in dict.fromkeys(row["method"] for row in rows):
-        for figure in FIGURES:
-            values = np.array([row[figure] for row in rows if row["method"] == method])
+        for metric in METRICS:
+            values = np.array([row[metric] for row in rows if row["method"] == method])
             entry = result.setdefault(method, {"seeds": len(values)})
-            entry[f"{figure}_mean"], entry[f"{figure}_spread"] = (
+            entry[f"{metric}_mean"], entry[f"{metric}_spread"] = (
                 float(values.mean()),
                 float(values.std()),
             )
@@ -135,10 +135,10 @@ def _row(
         "method": artifact.metadata["method"],
         "seed": artifact.seed,
         "episodes": config.episodes,
-        **reported.figures(),
-        "missed": int(reported.missed.sum()),
-        "stayed": int(reported.stayed.sum()),
-        "crowds": reported.crowds(),
-        "selection_error_m": chosen.figures()["ee_error_mean_m"],
+        **reported.metrics(),
+        "not_reached": int(reported.not_reached.sum()),
+        "no_progress": int(reported.no_progress.sum()),
+        "failure_clusters": reported.failure_clusters(),
+        "selection_error_m": chosen.metrics()["ee_error_mean_m"],
         "policy": str(path),
     }

@@ -192,9 +192,10 @@ def largest_difference(
 
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     names = [entry.name for entry in session.get_inputs()]
-    draw = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(seed)
     random = tuple(
-        torch.randn(config.random_rows, size, generator=draw) for size in policy.head.sizes.values()
+        torch.randn(config.random_rows, size, generator=generator)
+        for size in policy.head.sizes.values()
     )
     actor, worst = ExportedActor(policy).eval(), 0.0
     for groups in (random, tuple(torch.from_numpy(array) for array in recorded)):

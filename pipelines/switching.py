@@ -62,7 +62,7 @@ def run(
         motions: the clips to compare with; default: those that the policy was made of.
 
     Returns:
-        The artifact; metrics of :meth:`Switching.figures`, and ``picture``.
+        The artifact; metrics of :meth:`Switching.metrics`, and ``picture``.
 
     Raises:
         StageError: the motions are not to be found, or have no reaching clips, or no others.
@@ -100,7 +100,7 @@ def run(
             "skills": found.skills,
             "fps": found.fps,
             "shown": shown,
-            "figures": found.figures(),
+            "metrics": found.metrics(),
         },
         config=asdict(config),
         seed=context.seed,
@@ -109,8 +109,8 @@ def run(
         command=context.command,
     )
     done = directory.complete()
-    figures = {**found.figures(), "episodes": config.episodes, "shown": shown}
-    return StageResult(done, {**figures, "picture": str(done.with_name(PICTURE))})
+    metrics = {**found.metrics(), "episodes": config.episodes, "shown": shown}
+    return StageResult(done, {**metrics, "picture": str(done.with_name(PICTURE))})
 
 
 def motions_of(policy: Path) -> list[Path]:

@@ -148,5 +148,5 @@ def _before_and_after(
         played = play_episodes(
             spec, policies, episodes, worlds=episodes, seed=context.seed + 77, device=context.device
         )
-        metrics[name] = played.figures()["ee_error_mean_m"]
+        metrics[name] = played.metrics()["ee_error_mean_m"]
     return metrics

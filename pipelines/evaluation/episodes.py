@@ -1,6 +1,4 @@
-"""Episodes of the reach task, played to their end and counted: the measure of a pair of
-policies.
-"""
+"""Episodes of the reach task, played to their end and counted: the evaluation of two policies."""
 
 from __future__ import annotations
 
@@ -10,7 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import torch
 
-from lacoloco.pipelines.evaluation.failure_analysis import Crowd, conditions, crowds
+from lacoloco.pipelines.evaluation.failure_analysis import (
+    FailureCluster,
+    episode_parameters,
+    failure_clusters,
+)
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -21,13 +23,15 @@ from lacoloco.pipelines.stage import SILENT, Progress
 from lacoloco.robots.numbers import SkillThresholds
 from lacoloco.robots.spec import RobotSpec
 
-FIGURES = (
+METRICS = (
     "ee_error_mean_m",
     "ee_error_std_m",
     "ee_error_median_m",
     "contact_violation_pct",
     "falls_pct",
-    "missed_pct",
+    "not_reached_pct",
+    "success_5cm_pct",
+    "success_30cm_pct",
 )
 OUTCOMES = ("error", "fell", "above_limit", "substeps")
 """Fields of :class:`Episodes` that are counted while they are played."""
@@ -44,8 +48,8 @@ class Episodes:
         above_limit: (E, F) substeps in which a foot's contact force exceeded the limit.
         substeps: (E,) substeps lived through.
         thresholds: of the robot: how near to a target is there.
-        conditions: what differed between them, (E,) each; see
-            :func:`lacoloco.pipelines.evaluation.failure_analysis.conditions`.
+        parameters: What differed between them, (E,) each; see
+            :func:`lacoloco.pipelines.evaluation.failure_analysis.episode_parameters`.
     """
 
     error: np.ndarray
@@ -53,38 +57,43 @@ class Episodes:
     above_limit: np.ndarray
     substeps: np.ndarray
     thresholds: SkillThresholds
-    conditions: Mapping[str, np.ndarray] = field(default_factory=dict)
+    parameters: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
-    def missed(self) -> np.ndarray:
+    def not_reached(self) -> np.ndarray:
         """(E,) bool, ended without a fall further away than the robot's
         ``not_reached``.
         """
         return ~self.fell & (self.error > self.thresholds.not_reached)
 
     @property
-    def stayed(self) -> np.ndarray:
-        """(E,) bool, missed and ended about as far from the target as the base was from it at the
+    def no_progress(self) -> np.ndarray:
+        """(E,) bool, not reached, and ended about as far from the target as the base was at the
         start.
         """
-        nearest = self.conditions["target_distance_m"] - self.thresholds.no_progress
-        return self.missed & (self.error > nearest)
+        nearest = self.parameters["target_distance_m"] - self.thresholds.no_progress
+        return self.not_reached & (self.error > nearest)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All of it by name, the conditions behind a slash."""
+        """All of it by name, the parameters behind a slash."""
         outcomes = {name: getattr(self, name) for name in OUTCOMES}
-        return outcomes | {f"conditions/{name}": values for name, values in self.conditions.items()}
+        return outcomes | {f"parameters/{name}": values for name, values in self.parameters.items()}
 
-    def crowds(self) -> list[Crowd]:
-        """Where falls and misses crowd."""
-        return crowds({"falls": self.fell, "missed": self.missed}, self.conditions)
+    def success(self, distance: float) -> np.ndarray:
+        """(E,) bool, ended without a fall within ``distance`` [m] of the target."""
+        return ~self.fell & (self.error <= distance)
 
-    def figures(self) -> dict[str, float]:
-        """Table I's columns, and the two that its mean hides.
+    def failure_clusters(self) -> list[FailureCluster]:
+        """Where episodes with a fall, and those that do not reach the target, cluster."""
+        failures = {"falls": self.fell, "not_reached": self.not_reached}
+        return failure_clusters(failures, self.parameters)
 
-        Error mean and std [m], its median [m]; share of foot-substeps above the limit [%]; share of
-        episodes that end in a fall [%], and of those that end, without one, further than ``MISSED``
-        from the target [%].
+    def metrics(self) -> dict[str, float]:
+        """Table I's columns, and the outcomes that its mean hides.
+
+        Mean, std and median of the error [m]; share of foot-substeps with a force above the limit
+        [%]; shares of the episodes [%] that end in a fall, that end without one beyond the robot's
+        ``not_reached`` distance, and that end without one within 5 cm and within 30 cm.
         """
         feet = self.above_limit.shape[1]
         values = (
@@ -93,9 +102,11 @@ class Episodes:
             np.median(self.error),
             100.0 * self.above_limit.sum() / max(self.substeps.sum() * feet, 1.0),
             100.0 * self.fell.mean(),
-            100.0 * self.missed.mean(),
+            100.0 * self.not_reached.mean(),
+            100.0 * self.success(0.05).mean(),
+            100.0 * self.success(0.30).mean(),
         )
-        return dict(zip(FIGURES, map(float, values), strict=True))
+        return dict(zip(METRICS, map(float, values), strict=True))
 
 
 def play_episodes(
@@ -112,7 +123,7 @@ def play_episodes(
     """Play ``episodes`` episodes, each in a world with its own randomisation, motors as strong as
     they are, noise off.
 
-    Pushes and randomisation stay on, as in the original's evaluation (facts 2.2). Without a policy
+    Pushes and randomisation stay on, as in the original's evaluation. Without a policy
     ``high`` every decision is a random latent, which is what an untrained high level amounts to.
     ``randomisation`` takes the place of the task's.
     """
@@ -133,7 +144,7 @@ def _joined(parts: list[Episodes], episodes: int) -> Episodes:
         return np.concatenate(list(arrays))[:episodes]
 
     outcomes = (join(getattr(part, name) for part in parts) for name in OUTCOMES)
-    given = {name: join(part.conditions[name] for part in parts) for name in parts[0].conditions}
+    given = {name: join(part.parameters[name] for part in parts) for name in parts[0].parameters}
     return Episodes(*outcomes, parts[0].thresholds, given)
 
 
@@ -142,8 +153,8 @@ def _play(
 ) -> Episodes:
     base = LeggedEnv(spec, task, worlds, seed=seed, device=device)
     env = LatentSteeredEnv(base, policies["low"], policies["low"].head.sizes["latent"])
-    draw = torch.Generator().manual_seed(seed)
-    given = {name: values.cpu().numpy().copy() for name, values in conditions(base).items()}
+    generator = torch.Generator().manual_seed(seed)
+    given = {name: values.cpu().numpy().copy() for name, values in episode_parameters(base).items()}
     alive = torch.ones(worlds, dtype=torch.bool, device=env.device)
     fell, error = torch.zeros_like(alive), torch.zeros(worlds, device=env.device)
     above = torch.zeros(worlds, len(spec.feet), device=env.device)
@@ -152,7 +163,7 @@ def _play(
         if "high" in policies:
             raw = policies["high"](env.observe())
         else:
-            raw = torch.randn(env.latent.shape, generator=draw).to(env.device)
+            raw = torch.randn(env.latent.shape, generator=generator).to(env.device)
         decision = env.step(project(raw))
         error = torch.where(alive, decision.error, error)
         above += decision.above_limit * alive[:, None]

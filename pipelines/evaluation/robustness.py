@@ -1,8 +1,8 @@
-"""Steadiness: how a low level fares while it is steered, before there is anybody to steer it.
+"""Robustness of a low level against latents that switch, measured without a high level.
 
-A latent held for 3 s from a standing start tells which skills there are (``coverage.py``), not
-whether they last: of one low level 0.2 % of the episodes ended in a fall under latents drawn anew
-ten times a second, 11 % under latents that were held.
+A latent held for 3 s from a standing start tells which skills there are (``skill_coverage.py``),
+but not whether they last. One low level fell in 0.2 % of the episodes under latents that were
+resampled ten times a second, and in 11 % under latents that were held.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, load_task
 from lacoloco.robots.spec import RobotSpec
 
 
-def steadiness(
+def latent_switching_robustness(
     spec: RobotSpec, policy: Policy, *, worlds: int = 256, seconds: float = 10.0, seed: int = 0
 ) -> dict[str, float]:
-    """What becomes of ``worlds`` episodes in worlds and under pushes as a high level will meet
-    them.
+    """Play ``worlds`` episodes with the randomisation and the pushes of the high level's training.
 
-    Every episode begins standing; its latents wander at a pace of its own, from held to drawn anew
+    Every episode begins standing; its latents switch at a rate of its own, from held to resampled
     ten times a second (:class:`~lacoloco.pipelines.learn.latents.LatentConfig`). Mean actions, no
     noise; the same episodes for the same seed.
 
     Returns:
-        ``steered_falls``, the share that end in a fall, and ``steered_violation``, the share of
-        foot-substeps until then with a contact force above the limit.
+        ``switching_fall_rate``, the share of episodes that end in a fall, and
+        ``switching_violation_rate``, the share of foot-substeps until then with a contact force
+        above the limit.
     """
     device = str(next(policy.actor.parameters()).device)
     task = imitate_task(spec, constrained=False)
@@ -48,7 +48,7 @@ def steadiness(
     )
     latents.random_walk[:] = True
     alive = torch.ones(worlds, dtype=torch.bool, device=env.device)
-    nobody, limit = torch.zeros_like(alive), spec.foot_force_limit()
+    no_reset, limit = torch.zeros_like(alive), spec.foot_force_limit()
     above, lived = torch.zeros((), device=env.device), torch.zeros((), device=env.device)
     for _ in range(round(seconds / CONTROL_DT)):
         fell = env.step(policy(env.observe(), latents.z)).fell
@@ -57,8 +57,8 @@ def steadiness(
         ).sum()  # no index: nothing waits for a GPU
         lived += alive.sum() * env.physics.foot_force[0].numel()
         alive = alive & ~fell
-        latents.advance(nobody)
+        latents.advance(no_reset)
     return {
-        "steered_falls": 1.0 - float(alive.float().mean()),
-        "steered_violation": float(above / lived),
+        "switching_fall_rate": 1.0 - float(alive.float().mean()),
+        "switching_violation_rate": float(above / lived),
     }

@@ -25,11 +25,11 @@ class NearestClip:
     def __init__(self, clips: Sequence[Clip], *, seed: int = 0) -> None:
         """Draw moments of every skill that the clips have, by duration."""
         self.skills = tuple(dict.fromkeys(clip.skill for clip in clips))
-        draw = torch.Generator().manual_seed(seed)
+        generator = torch.Generator().manual_seed(seed)
         moments = []
         for skill in self.skills:
             library = MotionLibrary([clip for clip in clips if clip.skill == skill])
-            chosen = library.sample(MOMENTS, generator=draw)
+            chosen = library.sample(MOMENTS, generator=generator)
             moments.append(style_frame(RobotState.from_motion(library.frames(*chosen))))
         self._scale = torch.cat(moments).std(dim=0).clamp_min(1e-3)
         self._middle = torch.cat(moments).mean(dim=0)

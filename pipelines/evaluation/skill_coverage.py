@@ -67,15 +67,15 @@ class Behaviour:
 
     def distribution(self) -> dict[str, float]:
         """Mean and quantiles of speed and lift over those that did not fall; 0 where all did."""
-        figures = {}
+        metrics = {}
         for name, values in (("speed", self.speed), ("lift", self.lift)):
             values = torch.zeros(1) if self.fell.all() else values[~self.fell]
-            figures[name] = float(values.mean())
-            figures |= {
+            metrics[name] = float(values.mean())
+            metrics |= {
                 f"{name}_{label}": float(values.quantile(share))
                 for label, share in QUANTILES.items()
             }
-        return figures
+        return metrics
 
 
 class SkillCoverage:
@@ -123,20 +123,20 @@ class SkillCoverage:
             means and quantiles of ``coverage_speed`` [m/s] and ``coverage_lift`` [m];
             ``coverage_clips``, the share of clips that some latent reproduces; ``coverage_spread``,
             how much the latents differ from each other (1: as much as moments of the clips do); and
-            the clips' own figures.
+            the clips' own metrics.
         """
         done = self._hold(policy)
-        figures = done.shares() | done.distribution()
+        metrics = done.shares() | done.distribution()
         upright = done.frame[~done.fell] / self._spread
-        figures["clips"] = self._reproduced(upright)
-        figures["spread"] = float(upright.var(dim=0).mean().sqrt()) if len(upright) > 1 else 0.0
-        return {f"coverage_{name}": value for name, value in figures.items()} | self.clips
+        metrics["clips"] = self._reproduced(upright)
+        metrics["spread"] = float(upright.var(dim=0).mean().sqrt()) if len(upright) > 1 else 0.0
+        return {f"coverage_{name}": value for name, value in metrics.items()} | self.clips
 
     def _hold(self, policy: Policy) -> Behaviour:
         env = self.env
         env.load_state_dict(deepcopy(self._start))  # its counters are counted up in place
-        draw = torch.Generator().manual_seed(self.seed)
-        z = sample_latents(env.num_worlds, policy.head.sizes["latent"], draw).to(env.device)
+        generator = torch.Generator().manual_seed(self.seed)
+        z = sample_latents(env.num_worlds, policy.head.sizes["latent"], generator).to(env.device)
         fell = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
         speeds, heights, frames = [], [], []
         for step in range(self.steps):
@@ -167,16 +167,15 @@ def clip_behaviour(
     duration.
     """
     seconds = min(seconds, float(library.durations.max()))
-    draw = torch.Generator(library.device).manual_seed(seed)
-    clips, begin = library.sample(CLIP_WINDOWS, generator=draw, margin=seconds)
-    tip = EndEffectorChain(spec, library.device)
+    generator = torch.Generator(library.device).manual_seed(seed)
+    clips, begin = library.sample(CLIP_WINDOWS, generator=generator, margin=seconds)
+    end_effector = EndEffectorChain(spec, library.device)
     speeds, heights, frames = [], [], []
     for step in range(max(1, round(seconds / CONTROL_DT))):
         state = RobotState.from_motion(library.frames(clips, begin + step * CONTROL_DT))
         speeds.append(state.lin_vel_b[:, :2].norm(dim=-1))
-        heights.append(
-            tip(torch.cat((state.root_pos, state.root_quat, state.joint_pos), dim=-1))[:, 2]
-        )
+        qpos = torch.cat((state.root_pos, state.root_quat, state.joint_pos), dim=-1)
+        heights.append(end_effector(qpos)[:, 2])
         frames.append(style_frame(state))
     fell = torch.zeros_like(clips, dtype=torch.bool)
     return _behaviour(speeds, heights, frames, fell, standing_height, spec.skills)

@@ -67,7 +67,7 @@ class Switching:
         order = np.argsort(self.error[candidates, -1], kind="stable")
         return int(candidates[order[(len(order) - 1) // 2]])
 
-    def figures(self) -> dict[str, float]:
+    def metrics(self) -> dict[str, float]:
         """Shares of episodes, and the mean share of steps that are nearest to reaching clips."""
         return {
             "walk_first_reach_last": float(self.switches.mean()),

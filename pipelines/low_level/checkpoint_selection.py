@@ -16,7 +16,7 @@ from typing import Any
 from rsl_rl.models import MLPModel
 
 from lacoloco.datasets.motion_library import MotionLibrary
-from lacoloco.pipelines.evaluation.robustness import steadiness
+from lacoloco.pipelines.evaluation.robustness import latent_switching_robustness
 from lacoloco.pipelines.evaluation.skill_coverage import SkillCoverage
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.robots.spec import RobotSpec
@@ -59,11 +59,11 @@ class Selection:
         return self.coverage.measure(Policy(self.head, actor))
 
     def examine(self, actor: MLPModel, samples: int) -> dict[str, float]:
-        """Skill coverage, steadiness and the ``score`` of both; keeps the actor if none was
+        """Skill coverage, robustness and the ``score`` of both; keeps the actor if none was
         better.
         """
         metrics = self.measure(actor)
-        metrics |= steadiness(
+        metrics |= latent_switching_robustness(
             self.spec, Policy(self.head, actor), worlds=self.latents, seed=self.seed
         )
         metrics["score"] = score(metrics)
@@ -85,8 +85,8 @@ class Selection:
 
 def score(metrics: Mapping[str, float]) -> float:
     """How far the skills are from the clips' own shares (total variation, 0 to 1), and
-    ``FALLS_WEIGHT`` per steered fall.
+    ``FALLS_WEIGHT`` per fall under latent switching.
     """
     clips = {name: metrics.get(f"clips_{name}", 0.0) for name in SKILLS}
     apart = sum(abs(metrics[f"coverage_{name}"] - clips[name]) for name in SKILLS) / 2.0
-    return apart + FALLS_WEIGHT * metrics["steered_falls"]
+    return apart + FALLS_WEIGHT * metrics["switching_fall_rate"]

@@ -59,7 +59,7 @@ def draw_switching(
         _everyone(everyone, time, found, colours)
         everyone.set_xlabel("time [s]")
         everyone.set_xlim(edges[0], edges[-1])
-        share = found.figures()["walk_first_reach_last"]
+        share = found.metrics()["walk_first_reach_last"]
         title = (
             f"Episode {shown}; {share:.1%} of {len(found.fell)} episodes walk first and reach last"
         )

@@ -84,7 +84,7 @@ def test_the_artifact_holds_every_episode_and_its_policies(context, two_seeds):
     result = evaluate.run(evaluate.EvalConfig(5, 2, 4), context, policies=two_seeds[0])
     artifact = read_artifact(result.artifact, "lacoloco/evaluation", robot="solo12")
     assert artifact.arrays["1/error"].tolist() == pytest.approx([0.3] * 5)
-    assert artifact.arrays["1/conditions/friction"].tolist() == pytest.approx(
+    assert artifact.arrays["1/parameters/friction"].tolist() == pytest.approx(
         [0.4, 0.675, 0.95, 1.225, 1.5]
     )
     assert artifact.metadata["rows"] == result.metrics["rows"]
@@ -94,7 +94,7 @@ def test_the_artifact_holds_every_episode_and_its_policies(context, two_seeds):
 
 
 def test_methods_are_summed_up_apart():
-    figures = dict.fromkeys(evaluate.FIGURES, 1.0)
+    figures = dict.fromkeys(evaluate.METRICS, 1.0)
     rows = [
         {"method": "gan", **figures},
         {"method": "drail", **figures},

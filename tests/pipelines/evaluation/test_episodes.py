@@ -38,7 +38,7 @@ def short(monkeypatch):
     )
 
 
-def test_figures_by_hand():
+def test_metrics_by_hand():
     played = Episodes(
         error=np.array([0.01, 0.35, 0.03, 0.41]),
         fell=np.array([True, True, False, False]),
@@ -46,15 +46,17 @@ def test_figures_by_hand():
         substeps=np.array([20.0, 80.0, 50.0, 50.0]),
         thresholds=THRESHOLDS,
     )
-    figures = played.figures()
-    assert figures == pytest.approx(
+    metrics = played.metrics()
+    assert metrics == pytest.approx(
         {
             "ee_error_mean_m": 0.2,
             "ee_error_std_m": 0.0329**0.5,
             "ee_error_median_m": 0.19,
             "contact_violation_pct": 1.0,  # 4 of 200 substeps x 2 feet
             "falls_pct": 50.0,
-            "missed_pct": 25.0,  # a fall far away is a fall
+            "not_reached_pct": 25.0,  # a fall far away is a fall
+            "success_5cm_pct": 25.0,  # nor is a fall near the target a success
+            "success_30cm_pct": 25.0,
         }
     )
 
@@ -69,10 +71,10 @@ def test_who_missed_and_never_came_nearer():
         above_limit=np.zeros((4, 2)),
         substeps=np.ones(4),
         thresholds=THRESHOLDS,
-        conditions={"target_distance_m": np.array([0.3, 1.5, 1.6, 1.5])},
+        parameters={"target_distance_m": np.array([0.3, 1.5, 1.6, 1.5])},
     )
-    assert played.missed.tolist() == [False, False, True, True]
-    assert played.stayed.tolist() == [False, False, True, False]
+    assert played.not_reached.tolist() == [False, False, True, True]
+    assert played.no_progress.tolist() == [False, False, True, False]
 
 
 def test_an_episode_counts_until_it_ends_and_never_after(solo12, policies, short, monkeypatch):
@@ -110,8 +112,8 @@ def test_episodes_are_those_of_their_seed_however_many_worlds(solo12, policies, 
     other = play_episodes(solo12, policies, 6, worlds=4, seed=9)
     assert first.error.shape == (6,)
     assert first.above_limit.shape == (6, 4)
-    assert {values.shape for values in first.conditions.values()} == {(6,)}
-    assert len(set(first.conditions["friction"].tolist())) == 6
+    assert {values.shape for values in first.parameters.values()} == {(6,)}
+    assert len(set(first.parameters["friction"].tolist())) == 6
     assert np.array_equal(first.error, again.error)
     assert not np.array_equal(first.error, other.error)
     assert len(set(first.error.tolist())) == 6, "no episode is played twice"
@@ -145,8 +147,8 @@ def test_robots_and_floors_of_one_s_own(solo12, policies, short):
     usual = load_task(solo12, "reach").randomisation
     heavy = replace(usual, friction=(1.45, 1.45), mass_scale=(1.2, 1.2))
     played = play_episodes(solo12, policies, 3, worlds=3, seed=0, randomisation=heavy)
-    assert played.conditions["friction"].tolist() == pytest.approx([1.45] * 3)
-    assert played.conditions["mass_scale"].tolist() == pytest.approx([1.2] * 3)
+    assert played.parameters["friction"].tolist() == pytest.approx([1.45] * 3)
+    assert played.parameters["mass_scale"].tolist() == pytest.approx([1.2] * 3)
 
 
 def test_without_a_high_level_latents_are_random(solo12, policies, short):

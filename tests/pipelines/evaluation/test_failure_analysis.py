@@ -1,4 +1,4 @@
-"""Where failures crowd."""
+"""Where failures cluster."""
 
 from dataclasses import replace
 
@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from lacoloco.pipelines.evaluation.failure_analysis import conditions, crowds, describe
+from lacoloco.pipelines.evaluation.failure_analysis import (
+    describe,
+    episode_parameters,
+    failure_clusters,
+)
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.tasks import load_task
 
@@ -20,27 +24,30 @@ def test_falls_on_grippy_floors_are_found_and_nothing_else():
     falls[[3, 150, *range(320, 400, 4)]] = True
     missed = np.zeros(EPISODES, dtype=bool)
     missed[::17] = True
-    (crowd,) = crowds(
-        {"falls": falls, "missed": missed}, {"friction": FRICTION, "mass_scale": ELSEWHERE}
+    (cluster,) = failure_clusters(
+        {"falls": falls, "not_reached": missed}, {"friction": FRICTION, "mass_scale": ELSEWHERE}
     )
-    assert (crowd["failure"], crowd["condition"], crowd["count"], crowd["of"]) == (
+    assert (cluster["failure"], cluster["parameter"], cluster["count"], cluster["of"]) == (
         "falls",
         "friction",
         20,
         22,
     )
-    assert crowd["low"] == pytest.approx(1.3, abs=0.01)
-    assert describe(crowd) == "falls: 20 of 22 in the quarter with friction 1.30 to 1.60"
+    assert cluster["low"] == pytest.approx(1.3, abs=0.01)
+    assert describe(cluster) == "falls: 20 of 22 in the quarter with friction 1.30 to 1.60"
 
 
-def test_few_failures_or_a_condition_that_never_differs_say_nothing():
+def test_few_failures_or_a_parameter_that_never_differs_say_nothing():
     falls = np.zeros(EPISODES, dtype=bool)
-    assert crowds({"falls": falls}, {"friction": FRICTION}) == []
+    assert failure_clusters({"falls": falls}, {"friction": FRICTION}) == []
     falls[-4:] = True  # four in one quarter happen by chance
-    assert crowds({"falls": falls}, {"friction": FRICTION}) == []
+    assert failure_clusters({"falls": falls}, {"friction": FRICTION}) == []
     falls[:] = True
     assert (
-        crowds({"falls": falls}, {"friction": FRICTION, "distance": np.full(EPISODES, 1.5)}) == []
+        failure_clusters(
+            {"falls": falls}, {"friction": FRICTION, "distance": np.full(EPISODES, 1.5)}
+        )
+        == []
     )
 
 
@@ -50,7 +57,7 @@ def test_what_differs_between_worlds(solo12):
     half = 0.5**0.5
     env.state.root_quat[:] = torch.tensor([half, 0.0, 0.0, half])  # looks along +y
     env.command[:] = torch.tensor([[1.0, 3.0, 0.25], [3.0, 2.0, 0.3], [1.0, 0.5, 0.2]])
-    given = conditions(env)
+    given = episode_parameters(env)
     torch.testing.assert_close(
         given["target_angle_deg"], torch.tensor([0.0, 90.0, 180.0]), atol=1e-3, rtol=0
     )

@@ -40,12 +40,12 @@ def test_walking_first_and_reaching_last_by_hand(make_switching):
         fell=[False, False, False, False, True],
     )
     assert found.switches.tolist() == [True, True, False, False, False]
-    figures = found.figures()
-    assert figures["walk_first_reach_last"] == 0.4
-    assert figures["walk_first"] == 0.8
-    assert figures["reach_last"] == 0.8
-    assert figures["reach_steps"] == 0.4
-    assert figures["falls"] == 0.2
+    metrics = found.metrics()
+    assert metrics["walk_first_reach_last"] == 0.4
+    assert metrics["walk_first"] == 0.8
+    assert metrics["reach_last"] == 0.8
+    assert metrics["reach_steps"] == 0.4
+    assert metrics["falls"] == 0.2
 
 
 def test_a_second_takes_the_skill_of_most_of_its_steps(make_switching):

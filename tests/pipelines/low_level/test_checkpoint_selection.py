@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lacoloco.pipelines.evaluation.robustness import steadiness
+from lacoloco.pipelines.evaluation.robustness import latent_switching_robustness
 from lacoloco.pipelines.low_level.checkpoint_selection import score
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.train_low import smoke
@@ -22,7 +22,7 @@ def figures(
     return (
         {f"coverage_{name}": share for name, share in shares.items()}
         | CLIPS
-        | {"steered_falls": steered}
+        | {"switching_fall_rate": steered}
     )
 
 
@@ -57,7 +57,7 @@ def examined(trainer: LowTrainer, values: list[float]) -> list[dict[str, float]]
 
 def test_the_best_is_kept_and_survives_a_checkpoint(trainer, solo12, motions):
     shares = [0.2, 0.1, 0.3]
-    steered = examined(trainer, shares)[0]["steered_falls"]
+    steered = examined(trainer, shares)[0]["switching_fall_rate"]
     assert trainer.selection.chosen["samples"] == 100
     assert trainer.selection.chosen["metrics"]["score"] == pytest.approx(0.1 + 4.0 * steered)
     other = LowTrainer(solo12, motions, smoke(), seed=0, device="cpu")
@@ -76,7 +76,7 @@ def test_only_what_comes_after_the_ramp_is_examined(solo12, motions):
     assert ["score" in trainer.iterate(step / 5) for step in range(5)] == [False] * 3 + [True] * 2
 
 
-def test_steadiness_counts_episodes_and_forces_and_repeats_itself(trainer, solo12):
+def test_robustness_counts_episodes_and_forces_and_repeats_itself(trainer, solo12):
     """A policy that commands the default pose stands through pushes; one that commands nonsense
     does not.
     """
@@ -84,12 +84,12 @@ def test_steadiness_counts_episodes_and_forces_and_repeats_itself(trainer, solo1
     layers = [module for module in policy.actor.modules() if isinstance(module, torch.nn.Linear)]
     with torch.no_grad():
         layers[-1].weight.zero_(), layers[-1].bias.zero_()
-    calm = steadiness(solo12, policy, worlds=16, seconds=2.0)
-    assert calm["steered_falls"] == 0.0
-    assert calm["steered_violation"] < 0.001, "four feet carry a quarter of the limit each"
+    calm = latent_switching_robustness(solo12, policy, worlds=16, seconds=2.0)
+    assert calm["switching_fall_rate"] == 0.0
+    assert calm["switching_violation_rate"] < 0.001, "four feet carry a quarter of the limit each"
     with torch.no_grad():
         layers[-1].bias.fill_(3.0)
-    wild = steadiness(solo12, policy, worlds=16, seconds=2.0)
-    assert wild == steadiness(solo12, policy, worlds=16, seconds=2.0)
-    assert wild["steered_falls"] > 0.5
-    assert wild["steered_violation"] > calm["steered_violation"]
+    wild = latent_switching_robustness(solo12, policy, worlds=16, seconds=2.0)
+    assert wild == latent_switching_robustness(solo12, policy, worlds=16, seconds=2.0)
+    assert wild["switching_fall_rate"] > 0.5
+    assert wild["switching_violation_rate"] > calm["switching_violation_rate"]
