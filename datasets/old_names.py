@@ -38,7 +38,7 @@ New = str | Removed | None
 
 CONFIG: dict[str, dict[str, New]] = {
     # Clips began after so many seconds; the experts that the artifact holds do not depend on it.
-    "GenerateConfig": {"lead_in": None},
+    "GenerateConfig": {"lead_in": None, "settle": "transient_s"},
     # Moved into robot.toml; the Solo12's and the H1's numbers are what they were.
     "TrainLowConfig": {
         "fall_tilt": Removed(1.05),

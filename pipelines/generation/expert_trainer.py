@@ -4,16 +4,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
 from tensordict import TensorDict
 
+from lacoloco.pipelines.generation.config import ExpertConfig
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
-from lacoloco.pipelines.learn.networks import NetworkConfig, geometric, set_std
-from lacoloco.pipelines.learn.ppo import Ppo, PpoConfig
+from lacoloco.pipelines.learn.networks import geometric, set_std
+from lacoloco.pipelines.learn.ppo import Ppo
 from lacoloco.pipelines.masking import perhaps_any
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -24,60 +25,7 @@ from lacoloco.robots.spec import RobotSpec
 POLICY = "policy"
 
 
-@dataclass(frozen=True)
-class ExpertConfig:
-    """Training of one expert.
-
-    Attributes:
-        worlds: parallel worlds.
-        samples: control steps in all.
-        reward_scale: factor on the task's reward, so that returns are near 1.
-        ramp: shares of the training between which the constraints rise from nothing to full
-            strength.
-        std: exploration std at the start and at the end, in raw action units. On a schedule: a
-            learned one collapses within a million samples, long before the foot has found its
-            target.
-    """
-
-    worlds: int = 512
-    samples: int = 2_500_000
-    reward_scale: float = 3.0
-    ramp: tuple[float, float] = (0.05, 0.6)
-    std: tuple[float, float] = (0.5, 0.15)
-    ppo: PpoConfig = field(
-        default_factory=lambda: PpoConfig(
-            horizon=24,
-            learning_rate=2e-4,
-            min_learning_rate=5e-5,
-            max_learning_rate=3e-3,
-            desired_kl=0.02,
-        )
-    )
-    networks: NetworkConfig = field(default_factory=NetworkConfig)
-
-
-def reach_expert() -> ExpertConfig:
-    """Less noise for the larger action scale of reaching."""
-    return ExpertConfig(std=(0.25, 0.1))
-
-
-def wide(expert: ExpertConfig, iterations: int) -> ExpertConfig:
-    """An expert's recipe on a GPU's width, for so many iterations of 4096 worlds."""
-    ppo = replace(expert.ppo, minibatches=6)
-    return replace(expert, worlds=4096, samples=iterations * ppo.horizon * 4096, ppo=ppo)
-
-
-def smoke_expert() -> ExpertConfig:
-    """Two iterations of a tiny network."""
-    return ExpertConfig(
-        worlds=16,
-        samples=16 * 4 * 2,
-        ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
-        networks=NetworkConfig(actor=(32,), critic=(32,)),
-    )
-
-
-def clean(task: Task) -> Task:
+def without_disturbances(task: Task) -> Task:
     """The task as experts train on it and are recorded: own friction and masses per world, but no
     noise and no pushes.
     """
@@ -92,9 +40,9 @@ class ExpertTrainer:
     ) -> None:
         """Build the environment and the learner."""
         torch.manual_seed(seed)
-        # Nobody deploys an expert, so it may see clearly; but its clips must show every world the
-        # low level will meet.
-        self.config, self.task = config, clean(load_task(spec, task_name))
+        # An expert is never deployed, so it needs no noise. Its clips must show every robot and
+        # floor that the low level will meet, so the randomisation stays.
+        self.config, self.task = config, without_disturbances(load_task(spec, task_name))
         self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
         self.env.stagger()
         sizes = {POLICY: width(self.env.terms)}
@@ -141,11 +89,11 @@ class ExpertTrainer:
                 delta=None if delta is None else delta.mean(),
             )
         algorithm.compute_returns(obs)
-        figures = algorithm.update()
+        metrics = algorithm.update()
         steps, sums = self.config.ppo.horizon, tally.read()
         return (
-            figures
-            | self._task_figures()
+            metrics
+            | self._task_metrics()
             | {
                 "reward": sums["reward"] / steps,
                 "falls_per_1000_steps": 1000.0 * sums["falls"] / self.samples_per_iteration,
@@ -189,7 +137,7 @@ class ExpertTrainer:
             seen.append(self._observe())
         return torch.cat(seen)
 
-    def _task_figures(self) -> dict[str, float]:
+    def _task_metrics(self) -> dict[str, float]:
         if self.task.name == "walk":
             error = self.env.state.lin_vel_b[:, :2] - self.env.command[:, :2]
             return {"velocity_error": float(torch.linalg.vector_norm(error, dim=-1).mean())}

@@ -15,7 +15,8 @@ from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines import train_high
 from lacoloco.pipelines.benchmarks.throughput import made_up_clips
 from lacoloco.pipelines.generation import expert_trainer as experts
-from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer, smoke_expert
+from lacoloco.pipelines.generation.config import smoke_expert
+from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
 from lacoloco.pipelines.high_level import trainer as high_level
 from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn import latents, ppo

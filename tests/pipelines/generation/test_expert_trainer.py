@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer, smoke_expert
+from lacoloco.pipelines.generation.config import smoke_expert
+from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
 
 
 @pytest.fixture(params=["walk", "reach_in_place"])

@@ -14,7 +14,7 @@ import torch
 
 from lacoloco.datasets import published
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.generation.expert_trainer import clean
+from lacoloco.pipelines.generation.expert_trainer import without_disturbances
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -247,7 +247,7 @@ def returns(spec, physics, policy, steps=75):
     """(N,) returns of the walking task; the same seed gives the same starts, commands and
     worlds.
     """
-    task = replace(clean(load_task(spec, "walk")), episode_s=60.0)
+    task = replace(without_disturbances(load_task(spec, "walk")), episode_s=60.0)
     env = LeggedEnv(spec, task, physics.num_worlds, seed=5, physics=physics)
     total = torch.zeros(physics.num_worlds)
     alive = torch.ones(physics.num_worlds, dtype=torch.bool)

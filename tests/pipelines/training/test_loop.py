@@ -11,7 +11,8 @@ import torch
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import train_low
-from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer, smoke_expert
+from lacoloco.pipelines.generation.config import smoke_expert
+from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
 from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.policies import Policy

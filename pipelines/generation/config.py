@@ -1,0 +1,84 @@
+"""Configs of the stage generate: the training of the experts, and what is recorded of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from lacoloco.pipelines.learn.networks import NetworkConfig
+from lacoloco.pipelines.learn.ppo import PpoConfig
+
+
+@dataclass(frozen=True)
+class ExpertConfig:
+    """Training of one expert.
+
+    Attributes:
+        worlds: Parallel worlds.
+        samples: Control steps in all.
+        reward_scale: Factor on the task's reward, so that returns are near 1.
+        ramp: Shares of the training between which the constraints rise from nothing to full
+            strength.
+        std: Exploration std at the start and at the end, in raw action units. On a schedule: a
+            learned one collapses within a million samples, long before the foot has found its
+            target.
+    """
+
+    worlds: int = 512
+    samples: int = 2_500_000
+    reward_scale: float = 3.0
+    ramp: tuple[float, float] = (0.05, 0.6)
+    std: tuple[float, float] = (0.5, 0.15)
+    ppo: PpoConfig = field(
+        default_factory=lambda: PpoConfig(
+            horizon=24,
+            learning_rate=2e-4,
+            min_learning_rate=5e-5,
+            max_learning_rate=3e-3,
+            desired_kl=0.02,
+        )
+    )
+    networks: NetworkConfig = field(default_factory=NetworkConfig)
+
+
+def reach_expert() -> ExpertConfig:
+    """Less noise for the larger action scale of reaching."""
+    return ExpertConfig(std=(0.25, 0.1))
+
+
+def wide(expert: ExpertConfig, iterations: int) -> ExpertConfig:
+    """An expert's recipe on a GPU's width, for so many iterations of 4096 worlds."""
+    ppo = replace(expert.ppo, minibatches=6)
+    return replace(expert, worlds=4096, samples=iterations * ppo.horizon * 4096, ppo=ppo)
+
+
+def smoke_expert() -> ExpertConfig:
+    """Two iterations of a tiny network."""
+    return ExpertConfig(
+        worlds=16,
+        samples=16 * 4 * 2,
+        ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
+        networks=NetworkConfig(actor=(32,), critic=(32,)),
+    )
+
+
+@dataclass(frozen=True)
+class GenerateConfig:
+    """Experts and recording.
+
+    Attributes:
+        walk_clips: Number of walking clips (paper: 120).
+        reach_clips: Number of reaching clips (paper: 20).
+        reach_weight: How often a moment of reaching is sampled for one of walking. At 1
+            one sampled moment in seven shows reaching, at 4 two in five, at 9 three in five. A low
+            level ends up showing it a third as often as its clips do.
+        seconds: Length of a clip.
+        transient_s: Seconds from the start of a clip that do not count in the tracking errors.
+    """
+
+    walk: ExpertConfig = field(default_factory=lambda: ExpertConfig(samples=3_000_000))
+    reach: ExpertConfig = field(default_factory=reach_expert)
+    walk_clips: int = 120
+    reach_clips: int = 20
+    reach_weight: float = 9.0
+    seconds: float = 10.0
+    transient_s: float = 1.0

@@ -1,0 +1,122 @@
+"""Recording of an expert: rollouts from a standing start, one clip per world."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from lacoloco.datasets.clip import Clip
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.generation.config import GenerateConfig
+from lacoloco.pipelines.generation.expert_trainer import without_disturbances
+from lacoloco.pipelines.policies import Policy
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.tasks import load_task
+from lacoloco.pipelines.stage import StageContext
+from lacoloco.robots.spec import RobotSpec
+
+SKILLS = {"walk": "walk", "reach_in_place": "reach"}
+"""Task of an expert -> skill name of its clips."""
+LICENCE = "BSD-3-Clause (made by lacoloco)"
+
+
+def record(
+    spec: RobotSpec,
+    task_name: str,
+    policy: Policy,
+    count: int,
+    config: GenerateConfig,
+    context: StageContext,
+) -> tuple[list[Clip], dict[str, float]]:
+    """Record ``count`` clips of one expert, with mean actions, without noise or pushes, each in its
+    own world.
+
+    Every clip starts with the robot standing still: nothing else shows how walking or reaching
+    starts. More worlds than clips are run, and only worlds without a fall are kept, so no clip
+    contains a reset.
+
+    Raises:
+        StageError: Fewer than ``count`` worlds stayed up.
+    """
+    steps, transient = round(config.seconds / CONTROL_DT), round(config.transient_s / CONTROL_DT)
+    base = without_disturbances(load_task(spec, task_name))
+    standing = replace(base.reset, joint_scale=(0.9, 1.1), lin_vel=0.0, ang_vel=0.0)
+    task = replace(base, reset=standing, episode_s=2 * config.seconds)
+    env = LeggedEnv(
+        spec, task, count + max(8, count // 4), seed=context.seed, device=context.device
+    )
+    upright = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
+    rows, targets, errors, settled = [(env.physics.qpos, env.state)], [], [], []
+    for step in range(steps):
+        command = env.command.clone()
+        action = policy(env.observe())
+        targets.append(env.default_joint_pos + task.action_scale * action)
+        outcome = env.step(action)
+        upright &= ~outcome.fell
+        rows.append((env.physics.qpos, env.state))
+        if step >= transient:
+            errors.append(_tracking_error(env, command))
+            settled.append(errors[-1][(env.command != command).any(dim=-1)])
+    kept = torch.nonzero(upright).flatten()
+    skill = SKILLS[task_name]
+    if len(kept) < count:
+        raise StageError(
+            f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} "
+            "recordings; train it longer"
+        )
+    settled = torch.cat(settled)
+    metrics = {
+        f"{skill}_error_mean": float(torch.stack(errors).mean()),
+        # At the last moment of each command; the mean above includes the way there.
+        f"{skill}_error_settled": float(settled.mean()) if len(settled) else None,
+        f"{skill}_falls": float((~upright).sum()),
+        f"{skill}_worlds": float(env.num_worlds),
+    }
+    weight = config.reach_weight if skill == "reach" else 1.0
+    asked = torch.stack([*targets, targets[-1]], dim=1).cpu().numpy()
+    chosen = enumerate(kept[:count].tolist())
+    return [
+        _clip(spec, skill, weight, index, rows, asked[world], world) for index, world in chosen
+    ], metrics
+
+
+def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
+    """(N,) planar velocity error [m/s] of a walking task, end-effector error [m] of a reaching one,
+    for ``command`` (N, 3).
+    """
+    reached = env.state.lin_vel_b[:, :2] if env.task.name == "walk" else env.end_effector()
+    return torch.linalg.vector_norm(reached - command[:, : reached.shape[1]], dim=-1)
+
+
+def _clip(
+    spec: RobotSpec,
+    skill: str,
+    weight: float,
+    index: int,
+    rows: list,
+    joint_target: np.ndarray,
+    world: int,
+) -> Clip:
+    def series(pick: Callable) -> torch.Tensor:
+        return torch.stack([pick(qpos, state)[world] for qpos, state in rows]).cpu().numpy()
+
+    return Clip(
+        name=f"{skill}_{index:03d}",
+        fps=1.0 / CONTROL_DT,
+        joint_names=spec.joint_names,
+        root_pos=series(lambda qpos, _: qpos[:, :3]),
+        root_quat=series(lambda qpos, _: qpos[:, 3:7]),
+        root_lin_vel_b=series(lambda _, state: state.lin_vel_b),
+        root_ang_vel_b=series(lambda _, state: state.ang_vel_b),
+        joint_pos=series(lambda qpos, _: qpos[:, 7:]),
+        joint_vel=series(lambda _, state: state.joint_vel),
+        joint_target=joint_target,
+        skill=skill,
+        weight=weight,
+        source=f"lacoloco generate: {skill} expert",
+        licence=LICENCE,
+    )
