@@ -57,7 +57,7 @@ class EvalConfig:
 
     def randomisation(self, usual: Randomisation) -> Randomisation:
         """The task's, with the ranges given here."""
-        given = {"friction": self.friction, "mass_scale": self.mass_scale}
+        given: dict[str, Any] = {"friction": self.friction, "mass_scale": self.mass_scale}
         return replace(usual, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -79,7 +79,8 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
     """
     config.check()
     directory = context.store.begin(context.run, "eval")
-    rows, arrays = [], {}
+    rows: list[dict[str, Any]] = []
+    arrays: dict[str, np.ndarray] = {}
     for index, path in enumerate(policies):
         artifact, loaded = load_policies(path, "low", "high", device=context.device)
         spec = robot_of(artifact, context.progress.say)
@@ -87,7 +88,11 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
             f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes
         )
         randomisation = config.randomisation(load_task(spec, "reach").randomisation)
-        shared = {"worlds": config.worlds, "device": context.device, "randomisation": randomisation}
+        shared: dict[str, Any] = {
+            "worlds": config.worlds,
+            "device": context.device,
+            "randomisation": randomisation,
+        }
         reported = play_episodes(
             spec, loaded, config.episodes, seed=TEST_SEED, progress=context.progress, **shared
         )

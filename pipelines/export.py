@@ -173,6 +173,7 @@ def write_onnx(policy: Policy, path: Path, metadata: dict[str, Any], opset: int)
             dynamo=True,
             verbose=False,
         )
+    assert program is not None
     model = program.model_proto
     entry = model.metadata_props.add()
     entry.key, entry.value = "lacoloco", json.dumps(metadata)

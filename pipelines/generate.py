@@ -20,7 +20,7 @@ from lacoloco.pipelines.generation.config import (
 )
 from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
 from lacoloco.pipelines.generation.recorder import SKILLS, record
-from lacoloco.pipelines.policies import load_policies, save_policies
+from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.robot import belongs_to, record_of
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.checkpoint import remove_checkpoints
@@ -77,7 +77,7 @@ def run(
     experts = _experts(config, context, spec, retrain)
     _, policies = load_policies(experts, *SKILLS, device=context.device)
     clips: list[Clip] = []
-    metrics: dict[str, float] = {}
+    metrics: dict[str, float | None] = {}
     directory = context.store.begin(context.run, "generate")
     for task, count in (("walk", config.walk_clips), ("reach_in_place", config.reach_clips)):
         recorded, measured = record(spec, task, policies[task], count, config, context)
@@ -120,7 +120,8 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
     ``experts``.
     """
     directory = context.store.begin(context.run, "experts", resume=context.resume)
-    policies, metrics = [], {}
+    policies: list[Policy] = []
+    metrics: dict[str, float] = {}
     for task, expert in (("walk", config.walk), ("reach_in_place", config.reach)):
         trainer = ExpertTrainer(spec, task, expert, seed=context.seed, device=context.device)
         figures = train(

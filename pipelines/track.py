@@ -122,8 +122,15 @@ def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) 
     )
     segments, recorded = record(env, clips, policy, config.recording, seed=context.seed)
     metrics |= recorded
-    written = {"spec": spec, "context": context, "config": asdict(config), "metrics": metrics}
-    save_policies(directory.file("tracker.h5"), [policy], parents=motions, **written)
+    save_policies(
+        directory.file("tracker.h5"),
+        [policy],
+        spec=spec,
+        context=context,
+        config=asdict(config),
+        parents=motions,
+        metrics=metrics,
+    )
     save_clips(
         directory.file("artifact.h5"),
         segments,

@@ -143,9 +143,9 @@ def _joined(parts: list[Episodes], episodes: int) -> Episodes:
     def join(arrays: Iterable[np.ndarray]) -> np.ndarray:
         return np.concatenate(list(arrays))[:episodes]
 
-    outcomes = (join(getattr(part, name) for part in parts) for name in OUTCOMES)
+    outcomes = {name: join(getattr(part, name) for part in parts) for name in OUTCOMES}
     given = {name: join(part.parameters[name] for part in parts) for name in parts[0].parameters}
-    return Episodes(*outcomes, parts[0].thresholds, given)
+    return Episodes(**outcomes, thresholds=parts[0].thresholds, parameters=given)
 
 
 def _play(
@@ -170,5 +170,11 @@ def _play(
         lived += decision.substeps * alive
         fell |= decision.fell & alive
         alive &= ~decision.done
-    outcomes = (tensor.cpu().numpy() for tensor in (error, fell, above, lived))
-    return Episodes(*outcomes, spec.skills, given)
+    return Episodes(
+        error=error.cpu().numpy(),
+        fell=fell.cpu().numpy(),
+        above_limit=above.cpu().numpy(),
+        substeps=lived.cpu().numpy(),
+        thresholds=spec.skills,
+        parameters=given,
+    )

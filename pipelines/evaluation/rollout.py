@@ -98,8 +98,13 @@ def record_low(
         qpos.append(env.physics.qpos)
         contact.append(env.feet.contact)
         latents.advance(torch.zeros_like(fell))
-    rows = [torch.stack(steps, dim=1).numpy() for steps in (qpos, contact, steering)]
-    return LowRecording(*rows, fell=fell.numpy(), robot=spec.name)
+    return LowRecording(
+        qpos=_stacked(qpos),
+        contact=_stacked(contact),
+        steering=_stacked(steering),
+        fell=fell.numpy(),
+        robot=spec.name,
+    )
 
 
 def record_reach(
@@ -142,12 +147,20 @@ def record_reach(
     for _ in range(max(1, round(seconds / CONTROL_DT / HOLD_STEPS))):
         high_obs.append(env.observe())
         fell |= env.step(project(policies["high"](high_obs[-1])), keep).fell
-    stacked = {name: torch.stack(steps, dim=1).numpy() for name, steps in rows.items()}
     return ReachRecording(
-        **stacked,
+        qpos=_stacked(rows["qpos"]),
+        target=_stacked(rows["target"]),
+        end_effector=_stacked(rows["end_effector"]),
+        contact=_stacked(rows["contact"]),
+        steering=_stacked(rows["steering"]),
         low_obs=torch.cat(low_obs).numpy(),
         latent=torch.cat(rows["steering"]).numpy(),
         high_obs=torch.cat(high_obs).numpy(),
         fell=fell.numpy(),
         robot=spec.name,
     )
+
+
+def _stacked(steps: list[torch.Tensor]) -> np.ndarray:
+    """(E, T, ...) of T steps of E episodes."""
+    return torch.stack(steps, dim=1).numpy()

@@ -89,8 +89,8 @@ def compare(played: ReachRecording, nearest: NearestClip) -> Switching:
     """
     episodes, steps, joints = len(played.fell), played.qpos.shape[1], played.qpos.shape[2] - 7
     observed = played.low_obs.reshape(steps, episodes, -1)[:, :, : 10 + 2 * joints].swapaxes(0, 1)
-    distances = nearest.distances(torch.from_numpy(np.ascontiguousarray(observed)).flatten(0, 1))
-    distances = distances.numpy().reshape(episodes, steps, -1)
+    flat = torch.from_numpy(np.ascontiguousarray(observed)).flatten(0, 1)
+    distances = nearest.distances(flat).numpy().reshape(episodes, steps, -1)
     error = np.linalg.norm(played.end_effector - played.target, axis=-1)
     index = distances.argmin(axis=-1).astype(np.uint8)
     return Switching(nearest.skills, index, distances, error, played.fell, played.fps)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict
@@ -128,14 +128,14 @@ class ExpertTrainer:
         return TensorDict({POLICY: self.env.observe()}, batch_size=[self.env.num_worlds])
 
     def _random_observations(self) -> TensorDict:
-        seen = []
+        seen: list[Any] = []
         for _ in range(self.config.ppo.horizon):
             step = self.env.step(
                 0.3 * torch.randn(self.env.num_worlds, self.env.num_actions, device=self.env.device)
             )
             self.env.reset(step.done)
             seen.append(self._observe())
-        return torch.cat(seen)
+        return cast("TensorDict", torch.cat(seen))
 
     def _task_metrics(self) -> dict[str, float]:
         if self.task.name == "walk":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from lacoloco.pipelines.generation.expert_trainer import without_disturbances
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.state import RobotState
 from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.spec import RobotSpec
@@ -31,7 +32,7 @@ def record(
     count: int,
     config: GenerateConfig,
     context: StageContext,
-) -> tuple[list[Clip], dict[str, float]]:
+) -> tuple[list[Clip], dict[str, float | None]]:
     """Record ``count`` clips of one expert, with mean actions, without noise or pushes, each in its
     own world.
 
@@ -68,11 +69,11 @@ def record(
             f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} "
             "recordings; train it longer"
         )
-    settled = torch.cat(settled)
+    last = torch.cat(settled)
     metrics = {
         f"{skill}_error_mean": float(torch.stack(errors).mean()),
         # At the last moment of each command; the mean above includes the way there.
-        f"{skill}_error_settled": float(settled.mean()) if len(settled) else None,
+        f"{skill}_error_settled": float(last.mean()) if len(last) else None,
         f"{skill}_falls": float((~upright).sum()),
         f"{skill}_worlds": float(env.num_worlds),
     }
@@ -97,11 +98,11 @@ def _clip(
     skill: str,
     weight: float,
     index: int,
-    rows: list,
+    rows: Sequence[tuple[torch.Tensor, RobotState]],
     joint_target: np.ndarray,
     world: int,
 ) -> Clip:
-    def series(pick: Callable) -> torch.Tensor:
+    def series(pick: Callable[..., torch.Tensor]) -> np.ndarray:
         return torch.stack([pick(qpos, state)[world] for qpos, state in rows]).cpu().numpy()
 
     return Clip(

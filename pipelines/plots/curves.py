@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -54,7 +55,7 @@ def draw(stages: dict[str, list[Training]], title: str) -> Figure:
     }
     heights = [PANEL_SIZE[1] * rows[stage] + heads[stage] for stage in stages]
     figure = Figure(figsize=(PANEL_SIZE[0] * COLUMNS, sum(heights) + 0.1), layout="constrained")
-    parts = np.atleast_1d(figure.subfigures(len(stages), 1, height_ratios=heights))
+    parts = figure.subfigures(len(stages), 1, height_ratios=heights, squeeze=False).ravel()
     for part, (stage, members) in zip(parts, stages.items(), strict=True):
         _section(part, f"{TITLES[stage]}, {title}", members, shown[stage], rows[stage])
     return figure
@@ -91,7 +92,7 @@ def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
     several = len(members) > 1
     for index, training in enumerate(members):
         for position, line in enumerate(_expand(panel.lines, training)):
-            look = {
+            look: dict[str, Any] = {
                 "color": _colour(index if several else position),
                 "linestyle": DASHES[position % len(DASHES)] if several else "-",
             }
@@ -121,7 +122,7 @@ def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
         )
 
 
-def _curve(axes: Axes, training: Training, line: Line, look: dict[str, object], log: bool) -> None:
+def _curve(axes: Axes, training: Training, line: Line, look: dict[str, Any], log: bool) -> None:
     values = training.figures[line.figure] * line.factor
     # What is held at zero for a while has no place on a logarithmic axis.
     there = np.isfinite(values) & ((values > 0.0) | (not log))

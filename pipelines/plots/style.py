@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, cast
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -47,7 +48,7 @@ DPI = 160
 @contextmanager
 def paper_style() -> Iterator[None]:
     """Draw in here: matplotlib's own settings are back afterwards."""
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(cast("Any", STYLE)):
         yield
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import torch
@@ -86,7 +87,9 @@ def _roll_out(env: TrackingEnv, plan: RolloutPlan, policy: Policy) -> Rollouts:
     env.stop_at[:count] = plan.stop_at
     frames, targets, terminations, rewards = [_frame(env)], [], [], []
     for _ in range(int(plan.steps.max())):
-        _, reward, terminated, _ = env.step(policy(*env.observe().values()))
+        _, reward, terminated, _ = env.step(
+            policy(*cast("Iterable[torch.Tensor]", env.observe().values()))
+        )
         targets.append(base.default_joint_pos + base.task.action_scale * base.action)
         env.reset_to(terminated, env.rows, torch.zeros_like(terminated))
         frames.append(_frame(env))

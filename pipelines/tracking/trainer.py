@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict
@@ -122,7 +122,7 @@ class TrackerTrainer:
 
     def _first_observations(self, all_worlds: torch.Tensor) -> TensorDict:
         """Observations under random residuals, from which the normaliser starts."""
-        seen = []
+        seen: list[Any] = []
         for _ in range(8):
             self.env.reset(all_worlds)
             for _ in range(4):
@@ -130,4 +130,4 @@ class TrackerTrainer:
                 self.env.step((self.config.std[0] * noise).to(all_worlds.device))
                 seen.append(self.env.observe())
         self.env.reset(all_worlds)
-        return torch.cat(seen)
+        return cast("TensorDict", torch.cat(seen))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -107,6 +107,11 @@ def to_arrays(recordings: Sequence[Recording]) -> tuple[dict[str, np.ndarray], d
     return arrays, {"recordings": table}
 
 
+def _poses(arrays: Mapping[str, np.ndarray], index: int) -> dict[str, np.ndarray | None]:
+    needed = {name: arrays[f"{index}/{name}"] for name in POSES}
+    return needed | {name: arrays.get(f"{index}/{name}") for name in EXTRAS}
+
+
 def from_arrays(arrays: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> list[Recording]:
     """Inverse of `to_arrays`.
 
@@ -120,8 +125,7 @@ def from_arrays(arrays: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -
                 fps=float(row["fps"]),
                 note=row["note"],
                 bones=tuple((int(a), int(b)) for a, b in row["bones"]),
-                **{name: arrays[f"{index}/{name}"] for name in POSES},
-                **{name: arrays.get(f"{index}/{name}") for name in EXTRAS},
+                **cast("dict[str, Any]", _poses(arrays, index)),
             )
             for index, row in enumerate(metadata["recordings"])
         ]

@@ -156,7 +156,9 @@ def _shapes(kind: int, size: np.ndarray) -> list[tuple[g.Geometry, np.ndarray]]:
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         return [(g.Cylinder(2 * sizes[1], sizes[0]), lying)]
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        ends = [(g.Sphere(sizes[0]), pose_matrix(sign * sizes[1] * _UP)) for sign in (-1, 1)]
+        ends = [
+            (g.Sphere(sizes[0]), pose_matrix((sign * sizes[1] * _UP).tolist())) for sign in (-1, 1)
+        ]
         return [(g.Cylinder(2 * sizes[1], sizes[0]), lying), *ends]
     return []  # meshes and planes have no place in a robot of primitives
 
