@@ -121,14 +121,14 @@ def draw_gif(
     from lacoloco.datasets.atomic_write import write_file
     from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import play as stage
+    from lacoloco.pipelines.robot import robot_of
     from lacoloco.pipelines.viewing.render import render_gif
-    from lacoloco.robots.registry import load_robot
 
     config = session.config(stage.PRESETS)
     config = replace(config, clips=1, episodes=1, latents=latents_of(latents))
     artifact = read_artifact(resolve(source) if source else newest(session))
     shown = stage.record(artifact, config, session.seed, names)[0].until(config.seconds)
-    content = render_gif(load_robot(artifact.robot), shown)
+    content = render_gif(robot_of(artifact), shown)
     write_file(gif.resolve(), content, replace=True)
     answer = {"gif": str(gif), "bytes": len(content), "robot": artifact.robot}
     answer |= {"recording": shown.name, "seconds": round(shown.duration, 2)}
