@@ -32,6 +32,16 @@ COLUMNS = {
     "success_30cm_pct": "within 30 cm %",
 }
 """Key of a row -> heading."""
+REWARD_COLUMNS = {
+    "method": "method",
+    "seed": "seed",
+    "episodes": "episodes",
+    "task": "task",
+    "task_reward": "reward 1/s",
+    "contact_violation_pct": "violation %",
+    "falls_pct": "falls %",
+}
+"""The same for policies of a task without a target."""
 
 
 @verb(app)
@@ -110,8 +120,9 @@ def show(answer: Mapping[str, Any]) -> None:
     from lacoloco.pipelines.evaluation.failure_analysis import describe
 
     rows = answer["rows"]
-    console.print_table(list(COLUMNS.values()), [[row[key] for key in COLUMNS] for row in rows])
-    for row in rows:
+    columns = REWARD_COLUMNS if "task_reward" in rows[0] else COLUMNS
+    console.print_table(list(columns.values()), [[row[key] for key in columns] for row in rows])
+    for row in rows if columns is COLUMNS else ():
         who = f"{row['method']} seed {row['seed']}"
         if row["not_reached"]:
             typer.echo(
@@ -121,9 +132,13 @@ def show(answer: Mapping[str, Any]) -> None:
             typer.echo(f"{who}, {describe(cluster)}")
     for method, figures in answer["summary"].items():
         if figures["seeds"] > 1:
+            measured = (
+                f"error {_spread(figures, 'ee_error_mean_m')} m"
+                if columns is COLUMNS
+                else f"reward {_spread(figures, 'task_reward')} 1/s"
+            )
             typer.echo(
-                f"{method}, {figures['seeds']} seeds: "
-                f"error {_spread(figures, 'ee_error_mean_m')} m, "
+                f"{method}, {figures['seeds']} seeds: {measured}, "
                 f"violation {_spread(figures, 'contact_violation_pct')} %, "
                 f"falls {_spread(figures, 'falls_pct')} %"
             )

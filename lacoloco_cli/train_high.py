@@ -25,10 +25,17 @@ def train_high(
             " default: the run's newest of the same seed, or newest.",
         ),
     ] = None,
+    task: Annotated[
+        Path | None,
+        typer.Option(
+            "--task",
+            help="File of the task to train on (robots/README.md); default: the robot's reach.",
+        ),
+    ] = None,
     checkpoint: Checkpoint = None,
     seeds: Seeds = 1,
 ) -> None:
-    """Train the high level: a policy that steers the low level to a target by latents."""
+    """Train the high level: a policy that steers the low level by latents."""
     from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import train_high as stage
 
@@ -39,7 +46,9 @@ def train_high(
     train_seeds(
         session,
         seeds,
-        lambda context: stage.run(config, context, low=low or newest_low(session, context.seed)),
+        lambda context: stage.run(
+            config, context, low=low or newest_low(session, context.seed), task=task
+        ),
         stage.LOG_KEYS,
         checkpoint,
     )

@@ -1,9 +1,10 @@
-"""Stage eval: both levels on fresh episodes of the reach task: the paper's Table I."""
+"""Stage eval: both levels on fresh episodes of their task; for reaching, the paper's Table I."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,14 @@ from lacoloco.datasets.artifact import Artifact, write_artifact
 from lacoloco.datasets.hardware import describe_machine
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import METRICS, Episodes, play_episodes
-from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.evaluation.task_reward import task_reward
+from lacoloco.pipelines.policies import Policy, load_policies, task_of
 from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.sim.commands import Range
 from lacoloco.pipelines.sim.randomisation import Randomisation
-from lacoloco.pipelines.sim.tasks import load_task
+from lacoloco.pipelines.sim.tasks import Task
 from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.robots.spec import RobotSpec
 
 TEST_SEED, SELECTION_SEED = 1_000_003, 2_000_003
 """Episodes that are reported, and other episodes on which the best seed is chosen."""
@@ -75,7 +78,7 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
 
     Raises:
         ArtifactError: an input is missing, damaged, or holds no high level.
-        StageError: a range that is none.
+        StageError: a range that is none, or policies of tasks that cannot be compared.
     """
     config.check()
     directory = context.store.begin(context.run, "eval")
@@ -87,22 +90,23 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
         context.progress.start(
             f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes
         )
-        randomisation = config.randomisation(load_task(spec, "reach").randomisation)
-        shared: dict[str, Any] = {
-            "worlds": config.worlds,
-            "device": context.device,
-            "randomisation": randomisation,
-        }
-        reported = play_episodes(
-            spec, loaded, config.episodes, seed=TEST_SEED, progress=context.progress, **shared
+        task = task_of(artifact, spec)
+        task = replace(task, randomisation=config.randomisation(task.randomisation))
+        if not task.has_target:
+            rows.append(_reward_row(artifact, path, spec, task, loaded, config, context))
+            context.progress.stop()
+            continue
+        play = partial(
+            play_episodes, spec, loaded, worlds=config.worlds, device=context.device, task=task
         )
-        chosen = play_episodes(
-            spec, loaded, config.selection_episodes, seed=SELECTION_SEED, **shared
-        )
+        reported = play(config.episodes, seed=TEST_SEED, progress=context.progress)
+        chosen = play(config.selection_episodes, seed=SELECTION_SEED)
         rows.append(_row(artifact, path, config, reported, chosen))
         arrays |= {f"{index}/{name}": value for name, value in reported.arrays().items()}
         context.progress.stop()
-    best = min(rows, key=lambda row: row["selection_error_m"])
+    if len({"task_reward" in row for row in rows}) > 1:
+        raise StageError("policies with a target and without one: evaluate them one kind at a time")
+    best = min(rows, key=_selection)
     metadata = {"rows": rows, "best": best, "summary": summary(rows)}
     robot = record_of(spec)
     write_artifact(
@@ -120,17 +124,54 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
-    """Mean and standard deviation over seeds of every metric, by method."""
+    """Mean and sample standard deviation over seeds of every metric, by method."""
     result: dict[str, dict[str, float]] = {}
     for method in dict.fromkeys(row["method"] for row in rows):
-        for metric in METRICS:
+        for metric in (*METRICS, "task_reward"):
+            if metric not in rows[0]:
+                continue
             values = np.array([row[metric] for row in rows if row["method"] == method])
             entry = result.setdefault(method, {"seeds": len(values)})
-            entry[f"{metric}_mean"], entry[f"{metric}_spread"] = (
-                float(values.mean()),
-                float(values.std()),
-            )
+            entry[f"{metric}_mean"] = float(values.mean())
+            entry[f"{metric}_spread"] = float(values.std(ddof=1)) if len(values) > 1 else 0.0
     return result
+
+
+def _selection(row: dict[str, Any]) -> float:
+    """What the best policy has least of, on episodes that are not reported."""
+    return -row["selection_reward"] if "task_reward" in row else row["selection_error_m"]
+
+
+def _reward_row(
+    artifact: Artifact,
+    path: Path,
+    spec: RobotSpec,
+    task: Task,
+    policies: Mapping[str, Policy],
+    config: EvalConfig,
+    context: StageContext,
+) -> dict[str, Any]:
+    """The row of a policy whose task has no target: what the task pays it per second."""
+    reported = task_reward(
+        spec, task, policies, episodes=config.episodes, seed=TEST_SEED, device=context.device
+    )
+    chosen = task_reward(
+        spec,
+        task,
+        policies,
+        episodes=config.selection_episodes,
+        seed=SELECTION_SEED,
+        device=context.device,
+    )
+    return {
+        "method": artifact.metadata["method"],
+        "seed": artifact.seed,
+        "episodes": config.episodes,
+        "task": task.name,
+        **reported,
+        "selection_reward": chosen["task_reward"],
+        "policy": str(path),
+    }
 
 
 def _row(

@@ -18,6 +18,7 @@ from lacoloco.datasets.old_names import translated
 from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.robot import record_of
+from lacoloco.pipelines.sim.tasks import Task, load_task, task_from_text
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.spec import RobotSpec
 
@@ -88,6 +89,18 @@ def save_policies(
         parents=parents,
         command=context.command,
     )
+
+
+def task_of(artifact: Artifact, spec: RobotSpec) -> Task:
+    """The task that an artifact's high level was trained on: its own, or the robot's reach task.
+
+    Raises:
+        RobotError: This version cannot read the task that the artifact carries.
+    """
+    carried = artifact.metadata.get("task")
+    if carried is None:
+        return load_task(spec, "reach")
+    return task_from_text(spec, carried["text"], Path(carried["file"]))
 
 
 def load_policies(

@@ -12,6 +12,7 @@ from typing import Any
 from lacoloco.datasets.artifact import Header
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import play_episodes
+from lacoloco.pipelines.evaluation.task_reward import task_reward
 from lacoloco.pipelines.high_level.config import CONTACT_FORCE_PENALTY, TrainHighConfig
 from lacoloco.pipelines.high_level.hindsight import HindsightConfig
 from lacoloco.pipelines.high_level.trainer import HighTrainer
@@ -21,6 +22,7 @@ from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.robot import robot_of
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
+from lacoloco.pipelines.sim.tasks import Task, load_task, load_task_file
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.diagnostics import high_level_warnings
 from lacoloco.pipelines.training.train_stage import TrainStage
@@ -67,11 +69,20 @@ PRESETS: dict[str, Callable[[], TrainHighConfig]] = {
 }
 
 
-def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageResult:
+def run(
+    config: TrainHighConfig, context: StageContext, *, low: Path, task: Path | None = None
+) -> StageResult:
     """Train one seed over the low level in artifact ``low``; the result holds both levels.
+
+    Args:
+        config: How to train.
+        context: Where to write, and the seed.
+        low: The artifact of a low level.
+        task: A file with the task to train on; the robot's reach task without it.
 
     Raises:
         ArtifactError: ``low`` is missing, damaged, or holds no low level.
+        RobotError: The file of the task is missing or wrong.
     """
     artifact, policies = load_policies(low, "low", device=context.device)
     spec = robot_of(artifact, context.progress.say)
@@ -79,21 +90,26 @@ def run(config: TrainHighConfig, context: StageContext, *, low: Path) -> StageRe
     config = with_contact_force_penalty(config, was_constrained(artifact))
     mine = shared(config)
 
+    rules = load_task_file(spec, task) if task else load_task(spec, "reach")
+
     def make_trainer() -> HighTrainer:
         seed = parallel.own_seed(context.seed)
-        return HighTrainer(spec, policies["low"], mine, seed=seed, device=context.device)
+        return HighTrainer(
+            spec, policies["low"], mine, seed=seed, device=context.device, task=rules
+        )
 
     def save(trainer: HighTrainer, path: Path, metrics: dict[str, Any]) -> dict[str, Any]:
-        metrics |= _before_and_after(spec, policies["low"], trainer.policy(), config, context)
+        high = trainer.policy()
+        metrics |= _before_and_after(spec, rules, policies["low"], high, config, context)
         save_policies(
             path,
-            [policies["low"], trainer.policy()],
+            [policies["low"], high],
             spec=spec,
             context=context,
             config=asdict(config),
             parents=[low],
             metrics=metrics,
-            metadata={"method": method, "hold_steps": HOLD_STEPS},
+            metadata={"method": method, "hold_steps": HOLD_STEPS, **_carried(task)},
         )
         return metrics
 
@@ -133,20 +149,39 @@ def shared(config: TrainHighConfig) -> TrainHighConfig:
     return replace(config, worlds=worlds, decisions=config.decisions // parallel.size())
 
 
+def _carried(task: Path | None) -> dict[str, dict[str, str]]:
+    """What an artifact keeps of a task file: its name and its text."""
+    return {"task": {"file": task.name, "text": task.read_text()}} if task else {}
+
+
 def _before_and_after(
-    spec: RobotSpec, low: Policy, high: Policy, config: TrainHighConfig, context: StageContext
+    spec: RobotSpec,
+    task: Task,
+    low: Policy,
+    high: Policy,
+    config: TrainHighConfig,
+    context: StageContext,
 ) -> dict[str, float]:
-    """Mean final end-effector error [m] with random latents and with the trained high level, on the
-    same episodes.
+    """Mean final end-effector error [m], or mean reward per second where the task has no target,
+    with random latents and with the trained high level, on the same episodes.
     """
-    episodes = min(256, config.worlds)
+    episodes, seed = min(256, config.worlds), context.seed + 77
     metrics = {}
-    for name, policies in (
-        ("untrained_error", {"low": low}),
-        ("trained_error", {"low": low, "high": high}),
-    ):
-        played = play_episodes(
-            spec, policies, episodes, worlds=episodes, seed=context.seed + 77, device=context.device
-        )
-        metrics[name] = played.metrics()["ee_error_mean_m"]
+    for name, policies in (("untrained", {"low": low}), ("trained", {"low": low, "high": high})):
+        if task.has_target:
+            played = play_episodes(
+                spec,
+                policies,
+                episodes,
+                worlds=episodes,
+                seed=seed,
+                device=context.device,
+                task=task,
+            )
+            metrics[f"{name}_error"] = played.metrics()["ee_error_mean_m"]
+        else:
+            paid = task_reward(
+                spec, task, policies, episodes=episodes, seed=seed, device=context.device
+            )
+            metrics[f"{name}_reward"] = paid["task_reward"]
     return metrics

@@ -118,6 +118,7 @@ def play_episodes(
     seed: int,
     device: str = "cpu",
     randomisation: Randomisation | None = None,
+    task: Task | None = None,
     progress: Progress = SILENT,
 ) -> Episodes:
     """Play ``episodes`` episodes, each in a world with its own randomisation, motors as strong as
@@ -125,10 +126,10 @@ def play_episodes(
 
     Pushes and randomisation stay on, as in the original's evaluation. Without a policy
     ``high`` every decision is a random latent, which is what an untrained high level amounts to.
-    ``randomisation`` takes the place of the task's.
+    ``randomisation`` takes the place of the task's, ``task`` that of the robot's reach task.
     """
     worlds = min(worlds, episodes)
-    task = replace(load_task(spec, "reach"), noise=0.0, training_limits=False)
+    task = replace(task or load_task(spec, "reach"), noise=0.0, training_limits=False)
     task = replace(task, randomisation=randomisation or task.randomisation)
     parts = []
     for chunk in range(-(-episodes // worlds)):

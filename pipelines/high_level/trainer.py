@@ -24,7 +24,7 @@ from lacoloco.pipelines.sim.episode_restarts import EpisodeRestarts
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, Decision, LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.state import layout, width
-from lacoloco.pipelines.sim.tasks import load_task
+from lacoloco.pipelines.sim.tasks import Task, load_task
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
@@ -46,16 +46,23 @@ class Settings:
 
 
 class HighTrainer:
-    """PPO over latents; a :class:`~lacoloco.pipelines.training.trainer.Trainer`."""
+    """PPO over latents on a task; a :class:`~lacoloco.pipelines.training.trainer.Trainer`."""
 
     def __init__(
-        self, spec: RobotSpec, low: Policy, config: TrainHighConfig, *, seed: int, device: str
+        self,
+        spec: RobotSpec,
+        low: Policy,
+        config: TrainHighConfig,
+        *,
+        seed: int,
+        device: str,
+        task: Task | None = None,
     ) -> None:
-        """Build the hierarchy and the learner."""
+        """Build the hierarchy and the learner, for the robot's reach task if there is no other."""
         torch.manual_seed(seed)
         self.config = config
         self.not_reached = spec.skills.not_reached
-        task = load_task(spec, "reach")
+        task = task or load_task(spec, "reach")
         command = task.command
         if isinstance(command, TargetCommand):
             command = replace(command, near=config.near_target_fraction)
@@ -78,7 +85,7 @@ class HighTrainer:
             sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device
         )
         self.head = Head(
-            "high", sizes, self.latent_dim, config.networks, layout(self.env.terms), "reach"
+            "high", sizes, self.latent_dim, config.networks, layout(self.env.terms), task.name
         )
         self.samples_per_iteration = config.worlds * config.ppo.horizon * HOLD_STEPS
         self.generator = torch.Generator(device).manual_seed(seed + 1)
@@ -189,7 +196,8 @@ class HighTrainer:
         metrics["contact_violation"] = sums["above"] / max(sums["substeps"], 1.0)
         metrics["episodes"] = sums["ended"]
         if sums["ended"]:
-            metrics["final_error"] = sums["errors"] / sums["ended"]
+            if self.env.env.task.has_target:
+                metrics["final_error"] = sums["errors"] / sums["ended"]
             metrics["falls_per_episode"] = sums["falls"] / sums["ended"]
         return metrics
 

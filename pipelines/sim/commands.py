@@ -1,4 +1,6 @@
-"""What a task asks of the robot: a velocity to track, a heading to hold, or a point to touch."""
+"""What a task asks of the robot: a velocity to track, a heading or a height to hold, a point to
+touch.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from lacoloco.robots.tables import Positive, Range, Share
 
 
 class Command(Protocol):
-    """A kind of command: three numbers per world, drawn at resets and shown to the policy.
+    """A kind of command: three numbers per world, drawn at resets; the policy sees what ``term``
+    says.
 
     Attributes:
         term: What a policy observes of it.
@@ -27,7 +30,7 @@ class Command(Protocol):
         ...
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
-        """(N, 3) what the policy sees of ``command`` (N, 3)."""
+        """(N, term.size) what the policy sees of ``command`` (N, 3)."""
         ...
 
 
@@ -113,6 +116,23 @@ class HeadingCommand:
         return rotate_inverse(state.root_quat, command)
 
 
+@dataclass(frozen=True)
+class HeightCommand:
+    """A height above the ground at which to hold the end effector, uniform in ``height`` [m]."""
+
+    term: ClassVar[Term] = Term("height_command", 1, "m", "world")
+
+    height: Range
+
+    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+        """(K, 3) points of which only z is asked for; ``origin`` (K, 3) only gives the count."""
+        return uniform(((0.0, 0.0), (0.0, 0.0), self.height), len(origin), draw)
+
+    def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
+        """(N, 1) the height itself."""
+        return command[:, 2:]
+
+
 def heading_error(command: torch.Tensor, state: RobotState) -> torch.Tensor:
     """(N,) angle between the base's forward axis on the ground and ``command`` (N, 3) [rad]."""
     ahead = torch.zeros_like(state.root_pos)
@@ -127,6 +147,7 @@ COMMANDS: dict[str, type] = {
     "velocity": VelocityCommand,
     "target": TargetCommand,
     "heading": HeadingCommand,
+    "height": HeightCommand,
 }
 
 

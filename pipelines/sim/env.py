@@ -133,6 +133,8 @@ class LeggedEnv:
         fell = (self.physics.body_force[:, self._falls] > FALL_FORCE).any(dim=-1) | diverged
         if self.task.fall_tilt is not None:
             fell |= self.state.gravity_b[:, 2] > -math.cos(self.task.fall_tilt)
+        if self.task.fall_height is not None:
+            fell |= self.state.root_pos[:, 2] < self.task.fall_height
         reward = self._reward()
         violations = {c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints}
         # A broken world may report any force, and the constraints' running scales over all worlds

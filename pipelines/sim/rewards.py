@@ -77,6 +77,11 @@ def lift(env: World, length: float) -> torch.Tensor:
     return torch.exp(-(env.end_effector()[:, 2] - env.command[:, 2]).abs() / length)
 
 
+def hold_height(env: World, length: float) -> torch.Tensor:
+    """exp(-|z_ee - z*| / length) for a height that the end effector is asked to hold [m]."""
+    return lift(env, length)
+
+
 def joint_speed(env: World) -> torch.Tensor:
     """Sum of squared joint velocities [rad^2/s^2]."""
     return env.state.joint_vel.square().sum(dim=-1)
@@ -130,6 +135,7 @@ REWARDS: dict[str, Registered] = {
     "progress": Registered(progress, "target"),
     "approach": Registered(approach, "target"),
     "lift": Registered(lift, "target"),
+    "hold_height": Registered(hold_height, "height"),
     "joint_speed": Registered(joint_speed),
     "joint_torque": Registered(joint_torque),
     "action_change": Registered(action_change),

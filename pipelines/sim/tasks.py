@@ -70,6 +70,7 @@ class Task:
         constraints: What must hold (Constraints as Terminations).
         fall_on_undesired: Also end the episode when an undesired body touches something.
         fall_tilt: End it also when the base is tilted by more than this [rad].
+        fall_height: End it also when the base is lower than this [m].
         reset: How episodes start.
         randomisation: What differs between worlds.
         noise: Factor on the observation noise (0: clean).
@@ -86,6 +87,7 @@ class Task:
     constraints: tuple[Constraint, ...] = ()
     fall_on_undesired: bool = False
     fall_tilt: float | None = None
+    fall_height: float | None = None
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
     noise: float = 1.0
@@ -124,6 +126,7 @@ class _TaskTable:
     constraints: tuple[_ConstraintRow, ...] = ()
     fall_on_undesired: bool = False
     fall_tilt: Positive | None = None
+    fall_height: Positive | None = None
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
 
@@ -150,6 +153,15 @@ def load_task_file(spec: RobotSpec, path: Path) -> Task:
         text = path.read_bytes().decode()
     except (OSError, UnicodeDecodeError) as error:
         raise RobotError(f"{path}: cannot be read as text: {error}") from error
+    return task_from_text(spec, text, path)
+
+
+def task_from_text(spec: RobotSpec, text: str, path: Path) -> Task:
+    """The task in the text of a file that was called ``path``, and may be gone by now.
+
+    Raises:
+        RobotError: Something in it is wrong; one line that says what.
+    """
     return read_task(spec, path.stem, parse_toml(text, str(path)), Place(str(path)))
 
 
@@ -180,6 +192,7 @@ def read_task(spec: RobotSpec, name: str, values: object, place: Place) -> Task:
         ),
         fall_on_undesired=table.fall_on_undesired,
         fall_tilt=table.fall_tilt,
+        fall_height=table.fall_height,
         reset=table.reset,
         randomisation=table.randomisation,
     )

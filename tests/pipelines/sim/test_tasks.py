@@ -70,6 +70,25 @@ def test_an_asked_heading_is_seen_from_the_base_and_pays_when_it_is_held(solo12,
     assert term(env).tolist() == pytest.approx([1.0, 0.0], abs=1e-6)
 
 
+def test_a_height_to_hold_is_seen_and_pays(solo12, write):
+    text = """
+    command = { type = "height", height = [0.1, 0.1] }
+    rewards = [{ name = "hold_height", weight = 1.0, length = 0.1 }]
+    """
+    env = LeggedEnv(solo12, load_task_file(solo12, write(text)), 3, seed=0)
+    assert env.observe().shape == (3, 46 + 1)
+    assert torch.allclose(env.observe()[:, -1], torch.full((3,), 0.1))
+    env.step(torch.zeros(3, 12))
+    expected = torch.exp(-(env.end_effector()[:, 2] - 0.1).abs() / 0.1)
+    assert torch.allclose(env.task.rewards[0](env), expected)
+
+
+def test_a_base_below_the_height_of_the_task_has_fallen(solo12, write):
+    for height, fell in ((0.5, True), (0.05, False)):
+        task = load_task_file(solo12, write(f"fall_height = {height}"))
+        assert bool(LeggedEnv(solo12, task, 2, seed=0).step(torch.zeros(2, 12)).fell.all()) is fell
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
