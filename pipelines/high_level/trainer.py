@@ -202,7 +202,7 @@ class HighTrainer:
         return metrics
 
     def policy(self) -> Policy:
-        """The trained actor, deterministic; its output is projected to the sphere by whoever uses
+        """The trained actor, deterministic; its output is projected to the sphere by all that use
         it.
         """
         return Policy(self.head, self.algorithm.actor.eval())

@@ -14,7 +14,7 @@ class SoftTerminations:
     column.
 
     ``c_max`` follows the *mean violation* of the worlds that violate, by an exponential mean (rate
-    0.05, facts 6.1) and only on steps with a violation. In the paper it is the maximum of the
+    0.05, the original's) and only on steps with a violation. In the paper it is the maximum of the
     batch. Among hundreds of worlds that is always the one that is just falling, beside which no
     step of a gait costs anything; and the original lets it decay to nothing while all is well, so
     that the next graze counts as the worst case.

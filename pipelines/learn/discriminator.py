@@ -11,7 +11,7 @@ from rsl_rl.modules import EmpiricalNormalization
 from torch import nn
 
 CLIP = 5.0
-"""Normalised transitions are clipped to +-5 (facts 3)."""
+"""Normalised transitions are clipped to +-5, as in the original."""
 
 
 class DiscriminatorConfig(Protocol):
@@ -73,8 +73,8 @@ def classification(
 class TransitionNormalizer(nn.Module):
     """Running per-feature statistics of single frames, applied to both frames of a transition.
 
-    One set of statistics for both frames keeps their difference meaningful (the original keeps two,
-    facts 3). They are taken from demonstrations and policy in equal parts: scaled by the
+    One set of statistics for both frames keeps their difference meaningful (the original keeps
+    two). They are taken from demonstrations and policy in equal parts: scaled by the
     demonstrations alone, the small features in which an untrained policy differs (height, tilt)
     become many standard deviations and the discriminator saturates.
     """

@@ -43,7 +43,7 @@ class DrailDiscriminator(nn.Module):
     and noises.
 
     With common draws an uninformed network gives exactly 0, whatever it predicts; the original's
-    independent draws leave a noise of +-0.5 in every logit (facts 9.2, B11). Stratified times (one
+    independent draws leave a noise of +-0.5 in every logit. Stratified times (one
     per quantile of the schedule) reduce the rest.
     """
 

@@ -50,7 +50,7 @@ def sampling_probability(num_worlds: int, share: float) -> torch.Tensor:
     """(N,) probability that a world samples its action: 1 - exp(k (i/(N-1) - 1)), k such that the
     mean is 1 - ``share``.
 
-    The original fixes k = 10, a mean deterministic share of 0.1 (facts 4); 0 turns it off.
+    The original fixes k = 10, a mean greedy fraction of 0.1; 0 turns it off.
     """
     if share <= 0.0:
         return torch.ones(num_worlds)

@@ -126,7 +126,7 @@ class LowTrainer:
 
     def demonstrations(self, count: int) -> torch.Tensor:
         """(count, 2F) clean style transitions of the clips, older frame first, like the agent's
-        (facts 9.2, B1).
+        (the original has the two in opposite orders).
         """
         before, after = self.motions.sample_transitions(count, CONTROL_DT, generator=self.generator)
         return torch.cat(

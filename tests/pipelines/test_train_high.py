@@ -136,7 +136,7 @@ def test_an_artifact_says_whether_its_low_level_was_constrained():
 @pytest.mark.parametrize(
     ("progress", "error", "same"), [(0.3, 1.0, False), (0.9, 1.0, True), (0.9, 0.2, False)]
 )
-def test_whoever_missed_has_the_same_target_again(make_trainer, progress, error, same):
+def test_a_failed_episode_has_the_same_target_again(make_trainer, progress, error, same):
     """From a share of the training on, and if it ended further away than 0.3 m."""
     trainer = make_trainer(horizon=1, restart_probability=1.0)
     env = trainer.env.env

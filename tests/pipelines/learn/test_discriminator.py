@@ -14,7 +14,7 @@ from lacoloco.pipelines.learn.discriminator import (
 
 
 def test_undecided_pays_ln_two():
-    """Facts 9.5 (7): D = 0.5 gives -log(1 - 0.5); the original doubles it and halves it again."""
+    """D = 0.5 gives -log(1 - 0.5); the original doubles it and halves it again."""
     assert float(imitation_reward(torch.zeros(1))) == pytest.approx(math.log(2.0))
 
 

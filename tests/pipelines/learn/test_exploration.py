@@ -11,7 +11,7 @@ from lacoloco.pipelines.learn.exploration import HIGH_NOISE, Exploration, sampli
 
 
 def test_nine_steps_of_ten_explore():
-    """Facts 9.5 (8): mean 0.900 over 4096 worlds, from always to never."""
+    """Mean 0.900 over 4096 worlds, from always to never."""
     probability = sampling_probability(4096, 0.1)
     assert float(probability.mean()) == pytest.approx(0.9, abs=1e-3)
     assert float(probability[0]) == pytest.approx(1.0, abs=1e-4)
@@ -56,7 +56,7 @@ def test_some_of_the_sampling_spells_are_bold():
     assert float((factors[:, [0, 2, 3]] == 4.0).float().mean()) == pytest.approx(0.25, abs=0.05)
 
 
-def test_boldness_counts_at_once():
+def test_the_noise_scale_counts_at_once():
     exploration = Exploration(3, 0.0, 1e9, 0.0, "cpu")
     exploration.kind[1] = HIGH_NOISE
     exploration.high_noise_scale = 2.5

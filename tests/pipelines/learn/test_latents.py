@@ -32,7 +32,7 @@ def test_latents_are_uniform_on_the_sphere():
 
 
 def test_durations_fill_one_to_149_steps():
-    """Facts 9.5 (9)."""
+    """As in the paper's code."""
     remaining = schedule(worlds=20_000).remaining
     assert int(remaining.min()) == 1
     assert int(remaining.max()) == 149

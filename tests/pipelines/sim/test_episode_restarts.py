@@ -72,7 +72,7 @@ def test_a_fall_soon_after_a_reset_gets_no_second_chance(env):
     assert not EpisodeRestarts(env, 7, 0.0, seed=0).select(fell).any()
 
 
-def test_whoever_falls_again_goes_back_to_the_same_place(env):
+def test_a_world_that_falls_again_goes_back_to_the_same_place(env):
     """Not to where the first fall was already decided, and only until the retry has lived as long
     as a snapshot is old.
     """
@@ -141,7 +141,7 @@ def miss(env, restarts, missed):
     return again.tolist()
 
 
-def test_whoever_missed_begins_the_same_episode_again(reaching):
+def test_a_failed_episode_is_replayed_from_its_start(reaching):
     env, restarts = reaching, EpisodeRestarts(reaching, 7, 1.0, seed=0)
     live(env, restarts, BACK)
     assert miss(env, restarts, [True] * WORLDS) == [False] * WORLDS, "nobody knows how these began"
@@ -158,8 +158,8 @@ def test_whoever_missed_begins_the_same_episode_again(reaching):
 
 
 def test_a_retry_after_a_fall_is_no_beginning(reaching):
-    """Whoever fell, was put back and missed in the end begins where its episode did, not where it
-    was put back to.
+    """A world that fell, was restored and failed in the end starts where its episode did, not
+    where it was restored to.
     """
     env, restarts, fell = (
         reaching,
