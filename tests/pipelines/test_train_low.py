@@ -193,7 +193,7 @@ def test_closing_metrics_compare_with_the_clips(make_trainer):
     trainer.recent_falls = [5.0] * 199 + [2.0]
     trainer.selection.chosen = {
         "actor": trainer.algorithm.actor.state_dict(),
-        "figures": {"score": 0.3},
+        "metrics": {"score": 0.3},
         "samples": 640,
     }
     figures = trainer.closing_metrics()
