@@ -88,7 +88,9 @@ def test_what_leads_nowhere_serves_nothing():
         memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), DISTANCES, 100, draw()
     )[2].any()
     ended = memory((0.2, 0.0, 0.0))
-    ended = RelabellingBuffer(**{**vars(ended), "until": torch.arange(6)[:, None].expand(6, 64)})
+    ended = RelabellingBuffer(
+        **{**vars(ended), "segment_end": torch.arange(6)[:, None].expand(6, 64)}
+    )
     assert not relabel(ended, COMMAND, DISTANCES, 100, draw())[2].any(), (
         "no later decision under the same latent"
     )

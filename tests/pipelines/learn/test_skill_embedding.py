@@ -26,8 +26,8 @@ def flattened():
     return FlattenedClips(frames, torch.tensor([19] * 20 + [29] * 10))
 
 
-def test_a_window_never_looks_into_another_clip(timeline):
-    embedding = SkillEmbedding(timeline, 3, WINDOW)
+def test_a_window_never_looks_into_another_clip(flattened):
+    embedding = SkillEmbedding(flattened, 3, WINDOW)
     starts = torch.tensor([2, 14, 17])
     before = embedding(starts)
     embedding._normalized[20:] += 100.0
@@ -37,13 +37,13 @@ def test_a_window_never_looks_into_another_clip(timeline):
     assert changed.tolist() == [False, True, True]
 
 
-def test_latents_are_unit_vectors(timeline):
-    z = SkillEmbedding(timeline, 3, WINDOW)(torch.arange(29))
+def test_latents_are_unit_vectors(flattened):
+    z = SkillEmbedding(flattened, 3, WINDOW)(torch.arange(29))
     assert torch.allclose(z.norm(dim=-1), torch.ones(29), atol=1e-6)
 
 
-def test_a_window_stands_for_its_first_moments_only(timeline):
-    embedding = SkillEmbedding(timeline, 3, WINDOW)
+def test_a_window_stands_for_its_first_moments_only(flattened):
+    embedding = SkillEmbedding(flattened, 3, WINDOW)
     draw = torch.Generator().manual_seed(0)
     starts = torch.full((500,), 5)
     moments = embedding.moments(starts, draw)
@@ -51,10 +51,10 @@ def test_a_window_stands_for_its_first_moments_only(timeline):
     assert set(embedding.moments(torch.full((50,), 17), draw).tolist()) == {17, 18}
 
 
-def test_labelled_transitions_are_one_step_apart_and_carry_their_windows_latent(timeline):
-    embedding = SkillEmbedding(timeline, 3, WINDOW)
+def test_labelled_transitions_are_one_step_apart_and_carry_their_windows_latent(flattened):
+    embedding = SkillEmbedding(flattened, 3, WINDOW)
     starts = torch.tensor([0, 7, 18, 22])
-    labelled = LabelledTransitions(timeline, embedding, lambda count: starts[:count])
+    labelled = LabelledTransitions(flattened, embedding, lambda count: starts[:count])
     transitions, z = labelled(4, torch.Generator().manual_seed(1))
     before, after = transitions[:, :3], transitions[:, 3:]
     assert torch.equal(after[:, 0], before[:, 0] + 1)
