@@ -13,11 +13,6 @@ from lacoloco.datasets.mocap import Mocap, UpAxis, axis_of_file
 from lacoloco.pipelines.retargeting.findings import Finding
 from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap, LegGeometry
 from lacoloco.pipelines.retargeting.mocap.frame_rate import likely_rate
-from lacoloco.pipelines.retargeting.mocap.glitches import (
-    describe_jumps,
-    jumping_steps,
-    mended,
-)
 from lacoloco.pipelines.retargeting.mocap.posture import unlike
 from lacoloco.pipelines.retargeting.mocap.reading import Reading
 from lacoloco.pipelines.retargeting.targets.targets import limb_length
@@ -41,11 +36,11 @@ def check_recording(
     file: str,
     *,
     own_map: bool = False,
-) -> tuple[Mocap, list[Finding]]:
-    """Look for what is wrong with a recording, and mend single frames.
+) -> list[Finding]:
+    """Look for what is wrong with a recording.
 
     Args:
-        mocap: With z up, in metres.
+        mocap: With z up, in metres, at the rate of its file.
         mapping: Its limbs, and the robot's.
         legs: Of the robot: which limbs are front and left.
         reading: How it was read.
@@ -53,7 +48,7 @@ def check_recording(
         own_map: Whether a person chose the map, so that an unlike body is only a finding.
 
     Returns:
-        The recording, and what was found.
+        What was found.
 
     Raises:
         DatasetError: Wrong scale, wrong axis, upside down, another kind of body, one frame: nothing
@@ -63,8 +58,6 @@ def check_recording(
         raise DatasetError(f"{file}: has one frame; a motion needs at least two")
     limb = _check_scale(mocap, mapping, file, reading.unit)
     findings = [Finding("frame_count", remark) for remark in mocap.remarks]
-    mocap, jumps = _without_glitches(mocap, mapping, limb)
-    findings += jumps
     legs_up, trunk_up = up_directions(mocap, mapping, legs)
     _check_axis(legs_up, trunk_up, file, reading.up_axis)
     if reason := unlike(mocap, mapping, legs):
@@ -82,26 +75,14 @@ def check_recording(
                 " if so, --swap-sides",
             )
         )
-    return mocap, findings + _rate_findings(mocap, mapping, limb, reading)
-
-
-def _without_glitches(mocap: Mocap, mapping: BodyMap, limb: float) -> tuple[Mocap, list[Finding]]:
-    nodes = (*mapping.hips, *mapping.limb_ends(mocap))
-    findings = []
-    mocap, frames = mended(mocap, nodes, limb)
-    if frames:
-        named = ", ".join(str(frame) for frame in frames)
-        text = f"frames that lay off were replaced by the mean of their neighbours: {named}"
-        findings.append(Finding("mended", text))
-    if jumps := jumping_steps(mocap, nodes, limb):
-        findings.append(Finding("jump", describe_jumps(jumps, mocap.frames)))
-    return mocap, findings
+    return findings + _rate_findings(mocap, mapping, limb, reading)
 
 
 def _rate_findings(mocap: Mocap, mapping: BodyMap, limb: float, reading: Reading) -> list[Finding]:
     findings = []
-    if mocap.fps < SLOWEST:
-        text = f"has {mocap.fps:.3g} frames per second; steps may fall between them"
+    used = min(mocap.fps, reading.fps or mocap.fps)
+    if used < SLOWEST:
+        text = f"has {used:.3g} frames per second; steps may fall between them"
         findings.append(Finding("few_frames", text))
     elif not reading.source_fps and (likely := likely_rate(mocap, mapping, limb)):
         rate, reason = likely

@@ -19,8 +19,10 @@ from lacoloco.pipelines.retargeting.config import RetargetConfig
 from lacoloco.pipelines.retargeting.findings import Finding
 from lacoloco.pipelines.retargeting.measure.report import write_report
 from lacoloco.pipelines.retargeting.mocap.body_map import side_partners
+from lacoloco.pipelines.retargeting.mocap.glitches import without_glitches
 from lacoloco.pipelines.retargeting.mocap.reading import Reading, limb_pairs
 from lacoloco.pipelines.retargeting.mocap.skeleton_maps import choose_map
+from lacoloco.pipelines.retargeting.mocap.trim import trim_range
 from lacoloco.pipelines.retargeting.retargeter import Retargeted, Retargeter
 from lacoloco.pipelines.retargeting.validation import check_recording
 from lacoloco.pipelines.robot import record_of
@@ -92,11 +94,14 @@ class Worker:
         plain = self._config.reading(skeleton, task.trim)
         mirror, bend = plain.mirror != task.mirror, plain.bend + task.bend
         reading = replace(plain, pairs=pairs, mirror=mirror, bend=bend)
-        mocap = reading.apply(raw)
+        part = trim_range(reading.trim, raw.frames, reading.source_fps or raw.fps)
+        raw, findings = without_glitches(raw, retargeter.map, part)
+        mocap = replace(reading, fps=0.0).apply(raw)
         file, own_map = str(task.path), bool(self._config.map)
-        mocap, findings = check_recording(
+        findings += check_recording(
             mocap, retargeter.map, retargeter.legs, reading, file, own_map=own_map
         )
+        mocap = mocap.resampled(reading.fps) if reading.fps else mocap
         return mocap, reading, retargeter, findings
 
     def work(

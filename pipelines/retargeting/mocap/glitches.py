@@ -1,4 +1,8 @@
-"""Jumps in a recording: markers that were lost, a pose for binding, two takes in one file."""
+"""Jumps in a recording: markers that were lost, a pose for binding, two takes in one file.
+
+They are looked for in the file as it is, so that its own frames are named, and before anything
+smooths or resamples them.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from lacoloco.datasets.mocap import Mocap
+from lacoloco.pipelines.retargeting.findings import Finding
+from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap
+from lacoloco.pipelines.retargeting.targets.targets import limb_length
 
 USUAL_SHARE = 90
 """Percentile of the clip's own steps that jumps are measured by."""
@@ -17,39 +24,62 @@ SHORTEST = 0.3
 MOST_NAMED = 5
 
 
-def mended(mocap: Mocap, nodes: tuple[str, ...], limb: float) -> tuple[Mocap, list[int]]:
+def without_glitches(
+    raw: Mocap, mapping: BodyMap, part: tuple[int, int]
+) -> tuple[Mocap, list[Finding]]:
+    """Put single frames that lie off between their neighbours, and name jumps.
+
+    Args:
+        raw: A recording as its file is; any unit.
+        mapping: Its limbs.
+        part: First frame that is used, and the frame after the last.
+
+    Returns:
+        The recording, and what was found in that part.
+    """
+    if raw.frames < 2:
+        return raw, []
+    nodes = (*mapping.hips, *mapping.limb_ends(raw))
+    limb = float(np.mean([limb_length(raw, limb) for limb in mapping.limbs(raw)]))
+    usual = float(np.percentile(_steps(raw, nodes), USUAL_SHARE))
+    threshold = max(TIMES_USUAL * usual, SHORTEST * limb)
+    raw, frames = mended(raw, nodes, threshold)
+    findings, (start, stop) = [], part
+    if frames := [frame for frame in frames if start <= frame < stop]:
+        named = ", ".join(str(frame) for frame in frames)
+        text = f"frames that lay off were replaced by the mean of their neighbours: {named}"
+        findings.append(Finding("mended", text))
+    jumps = np.flatnonzero(_steps(raw, nodes) > threshold).tolist()
+    if jumps := [step for step in jumps if start <= step < stop - 1]:
+        findings.append(Finding("jump", describe_jumps(jumps, part)))
+    return raw, findings
+
+
+def mended(mocap: Mocap, nodes: tuple[str, ...], threshold: float) -> tuple[Mocap, list[int]]:
     """Put single frames that lie off between those before and after them.
 
     Args:
-        mocap: A recording, in metres.
+        mocap: A recording.
         nodes: Nodes whose steps count.
-        limb: Length of a limb, m.
+        threshold: Length of a step from which it is a jump, in units of the recording.
 
     Returns:
         The recording, and which frames were replaced by the mean of their neighbours.
     """
-    found = []
-    points, jumps = mocap.positions.copy(), set(jumping_steps(mocap, nodes, limb))
-    threshold = _threshold(mocap, nodes, limb)
-    for frame in range(1, mocap.frames - 1):
-        if frame - 1 in jumps and frame in jumps:
-            before, after = points[frame - 1], mocap.positions[frame + 1]
-            if np.linalg.norm(after - before, axis=-1).max() < threshold:
-                points[frame] = 0.5 * (before + after)
-                found.append(frame)
+    jumps = _steps(mocap, nodes) > threshold
+    points, found = mocap.positions.copy(), []
+    for frame in (np.flatnonzero(jumps[:-1] & jumps[1:]) + 1).tolist():
+        before, after = points[frame - 1], mocap.positions[frame + 1]
+        if np.linalg.norm(after - before, axis=-1).max() < threshold:
+            points[frame] = 0.5 * (before + after)
+            found.append(frame)
     return (replace(mocap, positions=points) if found else mocap), found
 
 
-def jumping_steps(mocap: Mocap, nodes: tuple[str, ...], limb: float) -> list[int]:
-    """Frames after which some node jumps: it goes farther than the clip's own speeds explain."""
-    steps = _steps(mocap, nodes)
-    return np.flatnonzero(steps > _threshold(mocap, nodes, limb)).tolist()
-
-
-def describe_jumps(jumps: list[int], frames: int) -> str:
-    """One line that names the jumps, and the part between two of them that is longest."""
-    ends = [0, *(step + 1 for step in jumps), frames]
-    start, stop = max(zip(ends[:-1], ends[1:], strict=True), key=lambda part: part[1] - part[0])
+def describe_jumps(jumps: list[int], part: tuple[int, int]) -> str:
+    """One line that names the jumps, and the stretch between two of them that is longest."""
+    ends = [part[0], *(step + 1 for step in jumps), part[1]]
+    start, stop = max(zip(ends[:-1], ends[1:], strict=True), key=lambda pair: pair[1] - pair[0])
     named = ", ".join(f"{step} to {step + 1}" for step in jumps[:MOST_NAMED])
     more = f" and {len(jumps) - MOST_NAMED} more" if len(jumps) > MOST_NAMED else ""
     return (
@@ -58,10 +88,5 @@ def describe_jumps(jumps: list[int], frames: int) -> str:
 
 
 def _steps(mocap: Mocap, nodes: tuple[str, ...]) -> np.ndarray:
-    """(T - 1,) longest way of a node from each frame to the next, m."""
+    """(T - 1,) longest way of a node from each frame to the next, in units of the recording."""
     return np.linalg.norm(np.diff(mocap.keypoints(nodes), axis=0), axis=-1).max(axis=1)
-
-
-def _threshold(mocap: Mocap, nodes: tuple[str, ...], limb: float) -> float:
-    usual = float(np.percentile(_steps(mocap, nodes), USUAL_SHARE))
-    return max(TIMES_USUAL * usual, SHORTEST * limb)

@@ -39,17 +39,24 @@ def trimmed(mocap: Mocap, text: str) -> Mocap:
         StageError: It is no trim.
         DatasetError: Nothing is left.
     """
-    check_trim(text)
-    if not text:
-        return mocap
-    start, stop = (_frame(side, mocap.fps) for side in text.split(":"))
-    start, stop = start or 0, min(mocap.frames if stop is None else stop, mocap.frames)
+    start, stop = trim_range(text, mocap.frames, mocap.fps)
     if start >= stop:
         raise DatasetError(
             f"{mocap.name}: nothing is left of {mocap.frames} frames"
             f" ({mocap.frames / mocap.fps:.2f} s) by trim {text}"
         )
-    return mocap.slice(start, stop)
+    return mocap.slice(start, stop) if text else mocap
+
+
+def trim_range(text: str, frames: int, fps: float) -> tuple[int, int]:
+    """First frame of a trim, and the frame after its last, of a file with so many frames.
+
+    Raises:
+        StageError: It is no trim.
+    """
+    check_trim(text)
+    start, stop = (_frame(side, fps) for side in (text or ":").split(":"))
+    return start or 0, min(frames if stop is None else stop, frames)
 
 
 def _frame(text: str, fps: float) -> int | None:

@@ -8,6 +8,7 @@ from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.mocap import load_bvh, read_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.pipelines.retargeting.mocap.body_map import body_map, leg_geometry, side_partners
+from lacoloco.pipelines.retargeting.mocap.glitches import without_glitches
 from lacoloco.pipelines.retargeting.mocap.reading import Reading, limb_pairs
 from lacoloco.pipelines.retargeting.validation import check_recording
 from lacoloco.robots.registry import load_robot
@@ -22,7 +23,7 @@ PAIRS = limb_pairs(MAP.limbs(RAW), side_partners(LEGS))
 def check(reading=None, change=lambda mocap: mocap, **how):
     """What is found about the sample dog, as (name, text)."""
     reading = reading or Reading(pairs=PAIRS)
-    _, found = check_recording(change(reading.apply(RAW)), MAP, LEGS, reading, "dog.bvh", **how)
+    found = check_recording(change(reading.apply(RAW)), MAP, LEGS, reading, "dog.bvh", **how)
     return [(finding.name, finding.text) for finding in found]
 
 
@@ -79,7 +80,7 @@ def test_exchanged_sides_are_a_warning_and_can_be_mended():
     # a file whose names are exchanged, read with the option
     wrong = replace(RAW, positions=swapped.apply(RAW).positions)
     mended = Reading(up_axis="z", unit=1.0, pairs=PAIRS, swap_sides=True)
-    assert check_recording(mended.apply(wrong), MAP, LEGS, mended, "dog.bvh")[1] == []
+    assert check_recording(mended.apply(wrong), MAP, LEGS, mended, "dog.bvh") == []
 
 
 def test_a_dog_that_rolls_over_for_a_while_is_let_through():
@@ -132,30 +133,41 @@ def test_a_rate_that_a_person_gave_is_not_questioned():
     assert Reading(source_fps=30.0).apply(RAW).fps == 30.0
 
 
+def glitches(change, part=None):
+    positions = RAW.positions.copy()
+    change(positions)
+    return without_glitches(replace(RAW, positions=positions), MAP, part or (0, RAW.frames))
+
+
+def lies_off(positions):
+    positions[90] += [500.0, 0.0, 0.0]
+
+
+def two_takes(positions):
+    positions[:1] += [0.0, 140.0, 0.0]
+    positions[600:] += [300.0, 0.0, 0.0]
+
+
 def test_one_frame_that_lies_off_is_mended():
-    def glitch(mocap):
-        positions = mocap.positions.copy()
-        positions[90] += [5.0, 0.0, 0.0]
-        return replace(mocap, positions=positions)
-
-    reading = Reading(pairs=PAIRS)
-    sound = reading.apply(RAW)
-    mended, found = check_recording(glitch(sound), MAP, LEGS, reading, "dog.bvh")
+    mended, found = glitches(lies_off)
     assert [(f.name, f.text.rsplit(": ")[-1]) for f in found] == [("mended", "90")]
-    assert np.abs(mended.positions - sound.positions).max() < 0.01
+    assert np.abs(mended.positions - RAW.positions).max() < 1.0
+    assert glitches(lies_off, (100, 200))[1] == [], "another part is used"
 
 
-def test_jumps_are_named_with_the_longest_part_between_them():
-    def two_takes(mocap):
-        positions = mocap.positions.copy()
-        positions[:1] += [0.0, 1.4, 0.0]
-        positions[600:] += [3.0, 0.0, 0.0]
-        return replace(mocap, positions=positions)
+def test_jumps_are_named_in_frames_of_the_file_with_the_longest_part_between_them():
+    _, (found,) = glitches(two_takes)
+    assert found.name == "jump"
+    assert "0 to 1, 599 to 600" in found.text
+    assert "--trim 1:600" in found.text
+    _, (found,) = glitches(two_takes, (500, 650))
+    assert "from frame 599 to 600; --trim 500:600" in found.text
+    assert glitches(two_takes, (1, 600))[1] == []
 
-    ((name, text),) = check(change=two_takes)
-    assert name == "jump"
-    assert "0 to 1, 599 to 600" in text
-    assert "--trim 1:600" in text
+
+def test_a_sound_recording_and_a_single_frame_have_no_glitches():
+    assert without_glitches(RAW, MAP, (0, RAW.frames)) == (RAW, [])
+    assert without_glitches(RAW.slice(0, 1), MAP, (0, 1))[1] == []
 
 
 def upright(mocap):
@@ -181,7 +193,7 @@ def test_every_recorded_dog_is_sound_and_the_one_with_a_wrong_frame_time_is_name
     for path in sorted((shared / "data" / "mocap" / "bvh").glob("D*.bvh")):
         mocap = reading.of(path)
         found[path.stem] = [
-            finding.name for finding in check_recording(mocap, MAP, LEGS, reading, path.stem)[1]
+            finding.name for finding in check_recording(mocap, MAP, LEGS, reading, path.stem)
         ]
     assert found.pop("Dog_example_zyx_30fps") == ["frame_rate"]
     assert found and not any(found.values())
