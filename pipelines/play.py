@@ -141,7 +141,7 @@ def record(
 
 
 def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Recording]:
-    """Episodes of the reach task, steered by a high-level policy.
+    """Episodes of the task that a high-level policy was trained on, steered by it.
 
     Raises:
         ArtifactError: The artifact holds no high level.
@@ -151,8 +151,11 @@ def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[R
     played = record_reach(policy, seconds=config.seconds, episodes=config.episodes, seed=seed)
     shown = []
     for index, qpos in enumerate(played.qpos):
-        error = np.linalg.norm(played.end_effector[index, -1] - played.target[index, -1])
-        end = "fell" if played.fell[index] else f"{100 * error:.1f} cm from the target at the end"
+        target = None if played.target is None else played.target[index]
+        end = "fell" if played.fell[index] else "did not fall"
+        if target is not None and not played.fell[index]:
+            error = np.linalg.norm(played.end_effector[index, -1] - target[-1])
+            end = f"{100 * error:.1f} cm from the target at the end"
         shown.append(
             Recording(
                 name=f"episode {index + 1}",
@@ -160,7 +163,7 @@ def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[R
                 root_pos=qpos[:, :3],
                 root_quat=qpos[:, 3:7],
                 joint_pos=qpos[:, 7:],
-                target=played.target[index],
+                target=target,
                 latent=played.steering[index],
                 contacts=played.contact[index],
                 note=f"{_name(policy)}: {end}",

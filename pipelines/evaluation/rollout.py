@@ -9,13 +9,13 @@ import numpy as np
 import torch
 
 from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule, project
-from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.policies import load_policies, task_of
 from lacoloco.pipelines.robot import robot_of
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
-from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task, load_task
+from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class ReachRecording:
 
     Attributes:
         qpos: (E, T, 7 + J) root position [m], quaternion wxyz, joints [rad].
-        target: (E, T, 3) world target [m].
+        target: (E, T, 3) world target [m]; None where the task has none.
         end_effector: (E, T, 3) world [m].
         contact: (E, T, F) bool, feet on the ground.
         steering: (E, T, d) unit latent in force.
@@ -35,7 +35,7 @@ class ReachRecording:
     """
 
     qpos: np.ndarray
-    target: np.ndarray
+    target: np.ndarray | None
     end_effector: np.ndarray
     contact: np.ndarray
     steering: np.ndarray
@@ -110,8 +110,8 @@ def record_low(
 def record_reach(
     policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0
 ) -> ReachRecording:
-    """Play a high-level artifact's policies without noise, pushes or randomisation, motors as
-    strong as they are.
+    """Play a high-level artifact's policies on the task that they were trained on, without noise,
+    pushes or randomisation, motors as strong as they are.
 
     Raises:
         ArtifactError: ``policy`` is missing, damaged, or holds no high level.
@@ -119,7 +119,7 @@ def record_reach(
     artifact, policies = load_policies(policy, "low", "high")
     spec = robot_of(artifact)
     task = replace(
-        load_task(spec, "reach"), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION
+        task_of(artifact, spec), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION
     )
     env = LatentSteeredEnv(
         LeggedEnv(spec, task, episodes, seed=seed),
@@ -149,7 +149,7 @@ def record_reach(
         fell |= env.step(project(policies["high"](high_obs[-1])), keep).fell
     return ReachRecording(
         qpos=_stacked(rows["qpos"]),
-        target=_stacked(rows["target"]),
+        target=_stacked(rows["target"]) if task.has_target else None,
         end_effector=_stacked(rows["end_effector"]),
         contact=_stacked(rows["contact"]),
         steering=_stacked(rows["steering"]),

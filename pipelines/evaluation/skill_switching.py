@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.rollout import ReachRecording
 from lacoloco.pipelines.evaluation.skill_classifier import NearestClip
 
@@ -86,7 +87,12 @@ class Switching:
 def compare(played: ReachRecording, nearest: NearestClip) -> Switching:
     """Find the nearest skill of every step; the clean style frame is how a low-level observation
     begins.
+
+    Raises:
+        StageError: The task has no target.
     """
+    if played.target is None:
+        raise StageError("the policy's task has no target, so there is no reaching to count")
     episodes, steps, joints = len(played.fell), played.qpos.shape[1], played.qpos.shape[2] - 7
     observed = played.low_obs.reshape(steps, episodes, -1)[:, :, : 10 + 2 * joints].swapaxes(0, 1)
     flat = torch.from_numpy(np.ascontiguousarray(observed)).flatten(0, 1)

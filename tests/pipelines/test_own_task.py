@@ -6,8 +6,10 @@ import pytest
 import torch
 
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines import evaluate, train_high
+from lacoloco.pipelines import evaluate, export, train_high
+from lacoloco.pipelines.evaluation.rollout import record_reach
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.play import PlaybackConfig, policy_recordings
 from lacoloco.pipelines.policies import Head, Policy, load_policies, save_policies, task_of
 from lacoloco.pipelines.stage import StageContext
 
@@ -61,6 +63,14 @@ def test_its_evaluation_reports_the_tasks_reward(trained, context):
     assert row["task_reward"] > 0
     assert 0 <= row["falls_pct"] <= 100
     assert "ee_error_mean_m" not in row
+
+
+def test_it_is_played_and_exported_on_its_own_task(trained, context):
+    played = record_reach(trained.artifact, seconds=0.5)
+    assert played.target is None
+    (recording,) = policy_recordings(trained.artifact, PlaybackConfig(seconds=0.5, episodes=1), 0)
+    assert recording.target is None and "target" not in recording.note
+    assert export.run(export.PRESETS["smoke"](), context, policy=trained.artifact).metrics["onnx"]
 
 
 def test_a_mistake_in_the_file_stops_it_before_it_begins(low, context, tmp_path):
