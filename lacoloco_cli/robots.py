@@ -100,13 +100,18 @@ def show_robot(session: Session, name: Name = None, robot: RobotOption = None) -
 
 @verb(app, "check", shared=READING)
 def check_robots(session: Session, name: OptionalName = None, robot: RobotOption = None) -> None:
-    """Check the numbers of robots, and that MuJoCo and Pinocchio agree on them."""
+    """Check the numbers and tasks of robots, and that MuJoCo and Pinocchio agree on them."""
+    from lacoloco.pipelines.sim.tasks import load_task
     from lacoloco.robots.check import check_robot
     from lacoloco.robots.registry import load_robot, robot_names
 
     wanted = _wanted(name, robot)
     names = robot_names() if wanted is None else (wanted,)
-    reports = [check_robot(load_robot(one)) for one in names]
+    specs = [load_robot(one) for one in names]
+    reports = [check_robot(spec) for spec in specs]
+    for spec in specs:
+        for task in spec.tasks:
+            load_task(spec, task)
     passed = all(report.passed for report in reports)
 
     def show() -> None:

@@ -85,6 +85,9 @@ def abduction_deviation(env: World, limit: float) -> torch.Tensor:
     return deviation * (env.command[:, 1].abs() < 0.1)[:, None]
 
 
+NEED_VELOCITY = ("air_time", "stand_still", "abduction_deviation")
+"""Constraints that read a commanded velocity."""
+
 CONSTRAINTS: dict[str, Callable[[World, float], torch.Tensor]] = {
     function.__name__: function
     for function in (

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lacoloco.pipelines.sim.commands import COMMANDS, Command, TargetCommand
-from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Constraint
+from lacoloco.pipelines.sim.constraints import CONSTRAINTS, NEED_VELOCITY, Constraint
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import Randomisation
 from lacoloco.pipelines.sim.rewards import REWARDS, RewardTerm, parameters_of
@@ -187,7 +187,7 @@ def read_task(spec: RobotSpec, name: str, values: object, place: Place) -> Task:
         ),
         clip_reward=table.clip_reward,
         constraints=tuple(
-            _constraint(spec, row, place / "constraints" / i)
+            _constraint(spec, row, place / "constraints" / i, table)
             for i, row in enumerate(table.constraints)
         ),
         fall_on_undesired=table.fall_on_undesired,
@@ -219,10 +219,8 @@ def _reward(values: Mapping[str, Any], place: Place, table: _TaskTable) -> Rewar
     if not isinstance(name, str) or name not in REWARDS:
         hint = nearest(name, REWARDS) if isinstance(name, str) else ", ".join(REWARDS)
         (place / "name").fail(f"{name!r} is no reward term; {hint}")
-    needed = REWARDS[name].needs
-    kind = None if table.command is None else table.command.get("type")
-    if needed is not None and kind != needed:
-        (place / "name").fail(f"{name!r} needs a command of type {needed!r}")
+    if needed := REWARDS[name].needs:
+        _require_command(name, needed, table, place)
     parameters = parameters_of(name)
     refuse_unknown(values, ("name", "weight", *parameters), place)
     for key in ("weight", *(key for key, default in parameters.items() if default is None)):
@@ -236,12 +234,22 @@ def _reward(values: Mapping[str, Any], place: Place, table: _TaskTable) -> Rewar
     return RewardTerm(name, weight[1], tuple(rest))
 
 
-def _constraint(spec: RobotSpec, row: _ConstraintRow, place: Place) -> Constraint:
+def _constraint(
+    spec: RobotSpec, row: _ConstraintRow, place: Place, table: _TaskTable
+) -> Constraint:
     if row.name not in CONSTRAINTS:
         (place / "name").fail(f"{row.name!r} is no constraint; {nearest(row.name, CONSTRAINTS)}")
+    if row.name in NEED_VELOCITY:
+        _require_command(row.name, "velocity", table, place)
     limit = row.limit
     if limit is None:
         if row.name != "foot_force":
             (place / "limit").fail("missing; expected a number")
         limit = spec.foot_force_limit()
     return Constraint(row.name, limit, row.max_p)
+
+
+def _require_command(name: str, needed: str, table: _TaskTable, place: Place) -> None:
+    kind = None if table.command is None else table.command.get("type")
+    if kind != needed:
+        (place / "name").fail(f"{name!r} needs a command of type {needed!r}")

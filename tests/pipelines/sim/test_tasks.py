@@ -102,6 +102,7 @@ def test_a_base_below_the_height_of_the_task_has_fallen(solo12, write):
         ("most = 2.0", "most = -2.0", "command.most: expected a number above 0, found -2.0"),
         ('"foot_force"', '"foot_fors"', "constraints[0].name: 'foot_fors' is no constraint; did"),
         ('"foot_force"', '"torque"', "constraints[0].limit: missing; expected a number"),
+        ('"foot_force"', '"air_time", limit = 1.0', "constraints[0].name: 'air_time' needs a com"),
         ("max_p = 0.1", "max_p = 2", "constraints[0].max_p: expected a number between 0 and 1"),
         ("episode_s = 4.0", "episode = 4.0", "episode: unknown key; did you mean 'episode_s'?"),
         ("episode_s = 4.0", 'action_scale = "run"', "action_scale: expected one of low, walk"),
