@@ -91,6 +91,17 @@ def play(
             raise UserError("--gif: shows one thing; leave out --html, and name one --clip")
         draw_gif(session, source, gif, clip or (), latents)
         return
+    write_page(session, source, html, clip or (), latents)
+
+
+def write_page(
+    session: Session,
+    source: Path | None,
+    html: Path | None,
+    names: Sequence[str],
+    latents: str | None,
+) -> None:
+    """Write the page, and open it where somebody watches."""
     from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import play as stage
 
@@ -98,7 +109,7 @@ def play(
     source = resolve(source) if source else newest(session)
     if html is not None:
         check_writable("--html", html)
-    result = stage.run(config, session.context(), source=source, names=clip or ())
+    result = stage.run(config, session.context(), source=source, names=names)
     page = Path(result.metrics["html"])
     if html is not None:
         copy_to("--html", page, html)

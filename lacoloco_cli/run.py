@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +15,9 @@ from lacoloco_cli.options import PANEL, STAGE, Seeds
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.stage_settings import stage_settings
 from lacoloco_cli.sweep import Sweep, run_sweep
+
+if TYPE_CHECKING:
+    from lacoloco.pipelines.chains.chain import Outcome
 
 app = typer.Typer()
 
@@ -139,6 +142,11 @@ def run(
         from_scratch=from_scratch,
         settings=settings,
     )
+    _answer(session, name, outcomes)
+
+
+def _answer(session: Session, name: str, outcomes: Sequence[Outcome]) -> None:
+    """Say what each stage of an experiment left."""
     stages: list[dict[str, Any]] = [
         {
             "stage": outcome.stage,

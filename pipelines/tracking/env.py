@@ -53,7 +53,7 @@ class TrackingEnv:
         device: str,
     ) -> None:
         """Build the worlds; ``reference`` is the reference motion of ``library``."""
-        self.config, self.library, self.reference = config, library, reference
+        self.config, self.motions, self.reference = config, library, reference
         self.base = LeggedEnv(spec, _task(spec, config), worlds, seed=seed, device=device)
         self.generator = torch.Generator(device).manual_seed(seed + 1)
         self.rows = torch.zeros(worlds, dtype=torch.long, device=device)
@@ -95,7 +95,7 @@ class TrackingEnv:
         slow moment.
         """
         count, device = self.num_worlds, self.generator.device
-        sampled = self.library.sample(count, generator=self.generator, margin=2.0 * CONTROL_DT)
+        sampled = self.motions.sample(count, generator=self.generator, margin=2.0 * CONTROL_DT)
         anywhere = self.reference.states.rows(*sampled)
         chosen = torch.randint(
             len(self._slow_rows), (count,), generator=self.generator, device=device

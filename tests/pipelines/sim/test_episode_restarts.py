@@ -1,5 +1,5 @@
-"""Second chances: back to where the fall was not yet decided, or to where an episode that missed
-began.
+"""Episode restarts: back to where the fall was not yet decided, or to the start of an episode that
+failed.
 """
 
 from dataclasses import replace
