@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,13 +26,14 @@ def write_file(path: Path, content: bytes, *, replace: bool = False) -> Path:
     Raises:
         ArtifactError: the name is taken, or the file system refuses (read-only, full...).
     """
-    temporary = path.parent / f"{_TEMPORARY}{os.getpid()}-{path.name}"
+    # Short, as the file's own name may be as long as the file system allows.
+    temporary = path.parent / f"{_TEMPORARY}{os.getpid()}-{secrets.token_hex(4)}"
     with storage_errors(path, "write"):
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not replace:
             raise ArtifactError(f"{path}: exists already and is never overwritten; choose another")
         try:
-            with temporary.open("wb") as stream:
+            with temporary.open("xb") as stream:  # new, so that no link leads elsewhere
                 stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())

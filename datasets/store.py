@@ -7,14 +7,15 @@ it can be resumed, and no reader sees it.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from io import BufferedWriter
 from pathlib import Path
 
+from lacoloco.datasets import locks
 from lacoloco.datasets.atomic_write import remove_leftovers, sync_directory, write_file
 from lacoloco.datasets.errors import ArtifactError, storage_errors
 
@@ -25,7 +26,9 @@ _COMPLETE = re.compile(r"(\d{4,})")
 _PARTIAL = re.compile(r"\.(\d{4,})(?:-(.+))?\.partial")
 _LAST = ".last"
 _LOCK = ".lock"
+_REMOVED = ".removed"
 _NUMBERING = ".numbering"
+"""Locked while a partial directory is made, looked for, completed or removed."""
 
 
 @dataclass
@@ -38,7 +41,7 @@ class StageDir:
     """The directory it becomes."""
     label: str
     """What tells versions of one stage apart while they are worked on, e.g. method and seed."""
-    _lock: BufferedWriter | None = None
+    _lock: int | None = None
 
     def file(self, name: str) -> Path:
         """Path of a file in the partial directory."""
@@ -60,11 +63,13 @@ class StageDir:
             if self.final.exists():  # POSIX would replace an empty directory without a word
                 raise ArtifactError(f"{self.final}: exists already; move it away and --resume")
             remove_leftovers(self.path)
-            self.file(_LOCK).unlink(missing_ok=True)
             sync_directory(self.path)
-            self.path.rename(self.final)
+            with _turn(self.final.parents[2]):  # nobody looks at the partial directory meanwhile
+                self.path.rename(self.final)
+                self.path = self.final
+                self.file(_LOCK).unlink(missing_ok=True)
             sync_directory(self.final.parent)
-        self.path = self.final
+        self._release()
         return self.file(ARTIFACT)
 
     def discard(self) -> None:
@@ -76,20 +81,25 @@ class StageDir:
         if self.path == self.final:
             raise ArtifactError(f"{self.final}: is complete and stays")
         with storage_errors(self.path, "delete"):
-            shutil.rmtree(self.path)
+            # Under another name nobody resumes what is half deleted.
+            removed = self.path.with_suffix(_REMOVED)
+            with _turn(self.final.parents[2]):
+                self.path.rename(removed)
+            shutil.rmtree(removed)
+        self._release()
 
-    def claim(self) -> bool:
+    def _claim(self) -> bool:
         """Take the directory for this process; False while another process works in it."""
-        with storage_errors(self.path, "write in the run directory"):
-            lock = self.file(_LOCK).open("wb")
-            try:  # A record lock ends with its process, however that ends.
-                fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                lock.close()
-                return False
-            self._lock = lock
-            remove_leftovers(self.path)
+        self._lock = locks.take(self.file(_LOCK))
+        if self._lock is None:
+            return False
+        remove_leftovers(self.path)
         return True
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            locks.release(self._lock)
+            self._lock = None
 
 
 class RunStore:
@@ -205,28 +215,37 @@ class RunStore:
         with storage_errors(directory, "create the run directory"):
             directory.mkdir(parents=True, exist_ok=True)
             # Two processes with different labels would take the same number without seeing it.
-            with (self.root / _NUMBERING).open("wb") as turn:
-                fcntl.lockf(turn, fcntl.LOCK_EX)
+            with _turn(self.root):
                 taken = [0, *(int(s.final.name) for s in self.partials(run, stage))]
                 taken += [int(p.name) for p in _list(directory) if _COMPLETE.fullmatch(p.name)]
                 final = directory / f"{max(taken) + 1:04d}"
                 path = directory / f".{final.name}{f'-{label}' if label else ''}.partial"
                 path.mkdir()
-        stage_dir = StageDir(path, final, label)
-        stage_dir.claim()
+                stage_dir = StageDir(path, final, label)
+                stage_dir._claim()
         return stage_dir
 
     def _resume(self, run: str, stage: str, label: str) -> StageDir:
-        found = self.partials(run, stage, label)
-        if not found:
+        if not self.partials(run, stage, label):
             what = f"'{label}' of {stage}" if label else stage
             raise ArtifactError(
                 f"run '{run}': no unfinished {what} to resume in {self.root}; leave out --resume"
             )
-        for stage_dir in reversed(found):
-            if stage_dir.claim():
-                return stage_dir
+        with storage_errors(self.directory(run, stage), "resume"), _turn(self.root):
+            found = self.partials(run, stage, label)
+            for stage_dir in reversed(found):
+                if stage_dir._claim():
+                    return stage_dir
+        if not found:
+            raise ArtifactError(f"run '{run}': {stage} was completed just now by another process")
         raise ArtifactError(f"{found[-1].path}: another process is working on it; stop it or wait")
+
+
+@contextmanager
+def _turn(root: Path) -> Iterator[None]:
+    """One process at a time among all that work in these runs."""
+    with locks.turn(root / _NUMBERING):
+        yield
 
 
 def _list(directory: Path) -> list[Path]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
+from lacoloco.datasets.atomic_write import write_file
 from lacoloco.pipelines.training.diagnostics import Metrics
 
 
@@ -25,7 +26,8 @@ class MetricsLog:
         path = directory / "metrics.jsonl"
         lines = path.read_text().splitlines(keepends=True) if path.exists() else []
         kept = [line for line in lines if not self._is_repeated(line, done)]
-        path.write_text("".join(kept))
+        if kept != lines:  # in one step: the lines of before are never half there
+            write_file(path, "".join(kept).encode(), replace=True)
         self.history: list[Metrics] = [
             one for one in map(json.loads, kept) if one["training"] == name
         ]

@@ -11,6 +11,7 @@ import pytest
 
 from lacoloco.datasets import artifact as artifacts
 from lacoloco.datasets.artifact import SCHEMAS, read_artifact, read_header, write_artifact
+from lacoloco.datasets.atomic_write import write_file
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.robot_record import RobotRecord
 
@@ -291,3 +292,9 @@ def test_parents_are_relative_inside_a_runs_directory_and_absolute_outside(write
 def test_header_is_plain_text_for_other_tools(write):
     with h5py.File(write(), "r") as file:
         assert json.loads(bytes(file.attrs["config"])) == {"rate": 0.1}
+
+
+def test_a_file_whose_name_fills_the_file_systems_limit_is_written(tmp_path):
+    path = tmp_path / ("x" * 252 + ".h5")
+    assert write_file(path, b"content").read_bytes() == b"content"
+    assert list(tmp_path.iterdir()) == [path]

@@ -226,3 +226,62 @@ def test_processes_that_begin_at_once_get_numbers_of_their_own(store, tmp_path):
     assert [process.wait(timeout=300) for process in running] == [0, 0, 0]
     numbers = [stage_dir.final.name for stage_dir in store.partials("run", "stage")]
     assert numbers == [f"{index:04d}" for index in range(1, 25)]
+
+
+def test_writers_and_a_concurrent_resume_do_not_take_from_each_other(store):
+    """Every version is completed by the one process that worked in it, and no lock stays."""
+    code = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from lacoloco.datasets.errors import ArtifactError\n"
+        "from lacoloco.datasets.store import RunStore\n"
+        "store, end, done = RunStore(Path(sys.argv[1])), time.monotonic() + 4, 0\n"
+        "while time.monotonic() < end:\n"
+        "    try: stage = store.begin('run', 'stage', resume=sys.argv[2] == 'resume')\n"
+        "    except ArtifactError as error:\n"
+        "        assert 'no unfinished' in str(error) or 'process' in str(error), error\n"
+        "        continue\n"
+        "    stage.file('mine').open('x').close()\n"
+        "    stage.file('artifact.h5').write_bytes(b'x')\n"
+        "    stage.complete()\n"
+        "    done += 1\n"
+        "print(done)\n"
+    )
+    roles = ("write", "write", "resume")
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, str(store.root), role],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for role in roles
+    ]
+    ended = [process.communicate(timeout=300) for process in running]
+    assert [process.returncode for process in running] == [0, 0, 0], ended
+    versions = store.all("run", "stage")
+    assert len(versions) == sum(int(out) for out, _ in ended) > 10
+    assert store.partials("run", "stage") == []
+    for path in versions:
+        assert sorted(p.name for p in path.parent.iterdir()) == ["artifact.h5", "mine"]
+
+
+@pytest.mark.parametrize("name", [".numbering", "dog/train-low/.0001.partial/.lock"])
+def test_a_link_where_a_lock_belongs_is_refused_and_its_target_stays(store, tmp_path, name):
+    diary = tmp_path / "diary.txt"
+    diary.write_text("precious")
+    place = store.root / name
+    place.parent.mkdir(parents=True)
+    place.symlink_to(diary)
+    with pytest.raises(ArtifactError, match="link"):
+        store.begin("dog", "train-low", resume=name.endswith(".lock"))
+    assert diary.read_text() == "precious"
+
+
+def test_a_discarded_version_is_gone_at_once_for_a_resume(store, monkeypatch):
+    stage_dir = store.begin("dog", "train-low")
+    monkeypatch.setattr("shutil.rmtree", lambda path: None)  # killed while it deletes
+    stage_dir.discard()
+    assert store.partials("dog", "train-low") == []
+    with pytest.raises(ArtifactError, match="leave out --resume"):
+        store.begin("dog", "train-low", resume=True)

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from lacoloco.datasets.artifact import read_artifact
+from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import train_low
 from lacoloco.pipelines.generation.config import smoke_expert
@@ -23,6 +24,7 @@ from lacoloco.pipelines.training import checkpoint
 from lacoloco.pipelines.training import loop as training
 from lacoloco.pipelines.training.checkpoint import remove_checkpoints
 from lacoloco.pipelines.training.loop import train
+from lacoloco.pipelines.training.metrics_log import MetricsLog
 
 
 class Walk:
@@ -155,6 +157,17 @@ def test_what_a_killed_training_logged_after_its_checkpoint_is_logged_once(tmp_p
     logged = lines(tmp_path)
     assert [line["samples"] for line in logged] == [10, 20, 90, 30, 40]
     assert logged[2] == later[1]
+
+
+def test_the_log_of_before_stays_whole_when_a_resume_cannot_write(tmp_path, full_disk):
+    log = tmp_path / "metrics.jsonl"
+    rows = [{"training": "walk", "samples": 10 * n, "sum": 0.5} for n in range(1, 81)]
+    log.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    before = log.read_bytes()
+    with full_disk(), pytest.raises(ArtifactError, match=r"metrics.jsonl"):
+        MetricsLog(tmp_path, "walk", done=790)
+    assert log.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [log]
 
 
 def test_warnings_are_said_once_and_those_that_hold_at_the_end_are_returned(tmp_path, context):
