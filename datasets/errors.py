@@ -15,6 +15,10 @@ class ArtifactError(DatasetError):
     """An artifact or a run directory that cannot be read, written or found."""
 
 
+class ConfigError(DatasetError):
+    """A config with a value that its field does not allow."""
+
+
 @contextmanager
 def storage_errors(path: Path | str, action: str) -> Iterator[None]:
     """Turn what the file system refuses below `path` into an `ArtifactError`.

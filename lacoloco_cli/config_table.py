@@ -1,7 +1,8 @@
-"""`--show-config`: every key of a stage's config with its value, type, unit and meaning.
+"""`--show-config`: every key of a stage's config with its value, range, unit and meaning.
 
 Meaning and unit are read from the docstrings of the config classes, so that they stand in one
-place: a line `name: meaning [unit].` below `Attributes:`.
+place: a line `name: meaning [unit].` below `Attributes:`. What is allowed stands in the field's
+annotation (`lacoloco.datasets.config_values`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ class Key:
         key: dotted path.
         value: what the stage would use.
         type: as a person writes it.
+        allowed: which values of this type.
         unit: empty for what has none.
         meaning: one or a few sentences; empty where the class does not say.
     """
@@ -32,20 +34,24 @@ class Key:
     key: str
     value: Any
     type: str
+    allowed: str
     unit: str
     meaning: str
 
 
 def keys_of(config: Any, prefix: str = "") -> Iterator[Key]:
     """Every key of a config, groups opened, in the order of the fields."""
-    hints, told = get_type_hints(type(config)), documented(type(config))
-    for field in dataclasses.fields(config):
-        value, path = getattr(config, field.name), prefix + field.name
+    from lacoloco.datasets.config_values import allowed, fields_of
+
+    told = documented(type(config))
+    hints = get_type_hints(type(config))
+    for name, ruled in fields_of(type(config)):
+        value, path = getattr(config, name), prefix + name
         if dataclasses.is_dataclass(value):
             yield from keys_of(value, f"{path}.")
         else:
-            meaning, unit = told.get(field.name, ("", ""))
-            yield Key(path, value, type_text(hints[field.name]), unit, meaning)
+            meaning, unit = told.get(name, ("", ""))
+            yield Key(path, value, type_text(hints[name]), allowed(ruled), unit, meaning)
 
 
 def documented(kind: type) -> dict[str, tuple[str, str]]:

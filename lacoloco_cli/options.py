@@ -30,9 +30,11 @@ Set = Annotated[
 ]
 ShowConfig = Annotated[
     bool,
-    _option("--show-config", help="Only list every key of --set: value, type, unit, meaning."),
+    _option(
+        "--show-config", help="Only list every key of --set: value, type, range, unit, meaning."
+    ),
 ]
-Seed = Annotated[int, _option("--seed", min=0, help="Seed of everything random.")]
+Seed = Annotated[int, _option("--seed", min=0, max=2**31 - 1, help="Seed of everything random.")]
 Device = Annotated[
     str,
     _option("--device", metavar="cpu|cuda", help="Where physics and learning run."),
@@ -61,7 +63,7 @@ Checkpoint = Annotated[
 ]
 Seeds = Annotated[
     int,
-    typer.Option("--seeds", min=1, help="How many seeds, counted up from --seed."),
+    typer.Option("--seeds", min=1, max=1000, help="How many seeds, counted up from --seed."),
 ]
 
 

@@ -32,14 +32,22 @@ def apply_overrides(config: Config, assignments: Sequence[str]) -> Config:
             and tuples (`1,2,3`).
 
     Raises:
-        OverrideError: Malformed, unknown key (the nearest is named) or wrong type.
+        OverrideError: Malformed, unknown key (the nearest is named), wrong type, or a value that
+            the field does not allow.
     """
+    from lacoloco.datasets.config_values import check_config
+    from lacoloco.datasets.errors import ConfigError
+
     for assignment in assignments:
         path, equals, text = assignment.partition("=")
         keys = [key.strip() for key in path.split(".")]
         if not equals or not all(keys):
             raise OverrideError(f"--set {assignment}: write it as path.to.field=value")
         config = _replaced(config, keys, text.strip(), root=config, path=".".join(keys))
+    try:  # after all of them: what fits together may take two
+        check_config(config)
+    except ConfigError as error:
+        raise OverrideError(f"--set {error}") from error
     return config
 
 
@@ -52,8 +60,21 @@ def restored(template: Config, stored: Mapping[str, Any], where: str = "config")
         where: How a message names the whole.
 
     Raises:
-        ArtifactError: A stored field is not known, or is an option that was removed and is in use.
+        ArtifactError: A stored field is not known, has a value that it does not allow, or is an
+            option that was removed and is in use.
     """
+    from lacoloco.datasets.config_values import check_config
+    from lacoloco.datasets.errors import ArtifactError, ConfigError
+
+    config = _restored(template, stored, where)
+    try:
+        check_config(config)
+    except ConfigError as error:
+        raise ArtifactError(f"{where}: {error}; made by another version of lacoloco") from error
+    return config
+
+
+def _restored(template: Config, stored: Mapping[str, Any], where: str) -> Config:
     from lacoloco.datasets.errors import ArtifactError
     from lacoloco.datasets.old_names import translated
 
@@ -72,7 +93,7 @@ def restored(template: Config, stored: Mapping[str, Any], where: str = "config")
     for name, value in stored.items():
         old = getattr(template, name)
         nested = dataclasses.is_dataclass(old) and isinstance(value, Mapping)
-        changes[name] = restored(old, value, f"{where}.{name}") if nested else _tuples(value)
+        changes[name] = _restored(old, value, f"{where}.{name}") if nested else _tuples(value)
     return dataclasses.replace(template, **changes)  # type: ignore[type-var]
 
 

@@ -103,14 +103,16 @@ class Session:
         return config
 
     def answer_config(self, config: Any) -> None:
-        """Show every key of a config with value, type, unit and meaning."""
+        """Show every key of a config with value, type, range, unit and meaning."""
         from lacoloco_cli.config_table import keys_of, value_text
 
         keys = list(keys_of(config))
-        rows = [[k.key, value_text(k.value), k.type, k.unit, k.meaning] for k in keys]
+        rows = [[k.key, value_text(k.value), k.type, k.allowed, k.unit, k.meaning] for k in keys]
         self.answer(
             {"verb": self.verb, "preset": self.preset, "config": [asdict(key) for key in keys]},
-            lambda: console.print_table(["key", "value", "type", "unit", "meaning"], rows),
+            lambda: console.print_table(
+                ["key", "value", "type", "allowed", "unit", "meaning"], rows
+            ),
         )
 
     def context(self, seed: int | None = None, *, resume: bool | None = None) -> StageContext:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -12,6 +12,9 @@ from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import Checkpoint, Seeds
 from lacoloco_cli.seeds import taken_over, train_seeds
 from lacoloco_cli.session import Session, verb
+
+if TYPE_CHECKING:
+    from lacoloco.pipelines.learn.ase import Discriminator
 
 app = typer.Typer()
 
@@ -44,7 +47,8 @@ def train_low(
     if disc is not None:
         if disc not in DISCRIMINATORS:
             raise UserError(f"--disc {disc}: use {' or '.join(DISCRIMINATORS)}")
-        config = replace(config, ase=replace(config.ase, discriminator=disc))
+        chosen = cast("Discriminator", disc)
+        config = replace(config, ase=replace(config.ase, discriminator=chosen))
     if cat is not None:
         config = replace(config, cat=cat)
     if checkpoint is not None:

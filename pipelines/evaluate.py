@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from lacoloco.datasets.artifact import Artifact, write_artifact
+from lacoloco.datasets.config_values import Rising, Within, Worlds, check_config
 from lacoloco.datasets.hardware import describe_machine
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import METRICS, Episodes, play_episodes
 from lacoloco.pipelines.evaluation.task_reward import task_reward
 from lacoloco.pipelines.policies import Policy, load_policies, task_of
 from lacoloco.pipelines.robot import record_of, robot_of
-from lacoloco.pipelines.sim.commands import Range
 from lacoloco.pipelines.sim.randomisation import Randomisation
 from lacoloco.pipelines.sim.tasks import Task
 from lacoloco.pipelines.stage import StageContext, StageResult
@@ -39,24 +39,11 @@ class EvalConfig:
         mass_scale: the same of the factor on all masses.
     """
 
-    episodes: int = 4096
-    selection_episodes: int = 1024
-    worlds: int = 1024
-    friction: Range | None = None
-    mass_scale: Range | None = None
-
-    def check(self) -> None:
-        """Refuse ranges that are none.
-
-        Raises:
-            StageError: the message names the field.
-        """
-        for name in ("friction", "mass_scale"):
-            given = getattr(self, name)
-            if given is not None and not 0.0 < given[0] <= given[1] < float("inf"):
-                raise StageError(
-                    f"--set {name}={given}: use two positive numbers, the lower one first"
-                )
+    episodes: Annotated[int, Within(1, 10**7)] = 4096
+    selection_episodes: Annotated[int, Within(1, 10**7)] = 1024
+    worlds: Worlds = 1024
+    friction: Annotated[tuple[float, float], Within(0, 1000, above=True), Rising()] | None = None
+    mass_scale: Annotated[tuple[float, float], Within(0, 1000, above=True), Rising()] | None = None
 
     def randomisation(self, usual: Randomisation) -> Randomisation:
         """The task's, with the ranges given here."""
@@ -78,9 +65,10 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
 
     Raises:
         ArtifactError: an input is missing, damaged, or holds no high level.
-        StageError: a range that is none, or policies of tasks that cannot be compared.
+        ConfigError: a value that its field does not allow.
+        StageError: policies of tasks that cannot be compared.
     """
-    config.check()
+    check_config(config)
     directory = context.store.begin(context.run, "eval")
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}

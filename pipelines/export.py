@@ -10,13 +10,14 @@ import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from torch import nn
 
 from lacoloco.datasets.artifact import Artifact, write_artifact
+from lacoloco.datasets.config_values import Within
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.rollout import record_reach
 from lacoloco.pipelines.learn.latents import project
@@ -43,9 +44,9 @@ class ExportConfig:
         opset: version of ONNX's operators.
     """
 
-    random_rows: int = 256
-    recorded_seconds: float = 4.0
-    opset: int = 18
+    random_rows: Annotated[int, Within(1, 10**6)] = 256
+    recorded_seconds: Annotated[float, Within(0.02, 3600)] = 4.0
+    opset: Annotated[int, Within(18, 23)] = 18
 
 
 PRESETS: dict[str, Callable[[], ExportConfig]] = {

@@ -9,12 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from lacoloco.datasets import clip as clips
 from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
 from lacoloco.datasets.clip import Clip
+from lacoloco.datasets.config_values import Form, Within
 from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.robot import record_of, robot_of
@@ -27,6 +29,9 @@ from lacoloco.pipelines.viewing.recording import Recording
 STAGE = "play"
 SCHEMA = "lacoloco/playback"
 PAGE = "playback.html"
+
+
+LATENTS = Form(r"|random|\d{1,10}", "random, a seed (a whole number from 0), or nothing")
 
 
 @dataclass(frozen=True)
@@ -43,10 +48,10 @@ class PlaybackConfig:
             training. A number: latents drawn from this seed, one per episode.
     """
 
-    clips: int = 8
-    episodes: int = 3
-    seconds: float = 10.0
-    latents: str = ""
+    clips: Annotated[int, Within(1, 10_000)] = 8
+    episodes: Annotated[int, Within(1, 10_000)] = 3
+    seconds: Annotated[float, Within(0.02, 3600)] = 10.0
+    latents: Annotated[str, LATENTS] = ""
 
 
 def laptop() -> PlaybackConfig:

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 from lacoloco.datasets.artifact import read_header, write_artifact
 from lacoloco.datasets.clip import SCHEMA as MOTIONS
 from lacoloco.datasets.clip import load_clips
+from lacoloco.datasets.config_values import Within
 from lacoloco.datasets.lineage import lineage
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.rollout import record_reach
@@ -39,9 +41,15 @@ class SwitchingConfig:
             end.
     """
 
-    episodes: int = 256
-    seconds: float = 10.0
-    shown: int = -1
+    episodes: Annotated[int, Within(1, 131_072)] = 256
+    seconds: Annotated[float, Within(0.02, 3600)] = 10.0
+    shown: Annotated[int, Within(-1, 131_071)] = -1
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        if self.shown < self.episodes:
+            return ""
+        return f"shown={self.shown}: there are only episodes 0 to {self.episodes - 1}"
 
 
 PRESETS: dict[str, Callable[[], SwitchingConfig]] = {
@@ -70,8 +78,6 @@ def run(
     """
     from lacoloco.pipelines.plots.switching import draw_switching
 
-    if config.shown >= config.episodes:
-        raise StageError(f"shown: there are only episodes 0 to {config.episodes - 1}")
     motions = list(motions) or motions_of(policy)
     nearest = NearestClip([clip for path in motions for clip in load_clips(path)])
     if LAST not in nearest.skills or len(nearest.skills) < 2:

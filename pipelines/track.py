@@ -7,8 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 from lacoloco.datasets.clip import load_clips, save_clips
+from lacoloco.datasets.config_values import Length, Within
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
@@ -39,7 +41,7 @@ class TrackConfig:
 
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
-    speed_factors: tuple[float, ...] = (1.0, 0.6)
+    speed_factors: Annotated[tuple[float, ...], Length(1, 100), Within(0.01, 100)] = (1.0, 0.6)
 
 
 def laptop() -> TrackConfig:

@@ -12,17 +12,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
-from typing import Any
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import torch
 
 from lacoloco.datasets.clip import Clip
+from lacoloco.datasets.config_values import Within, Worlds
 from lacoloco.datasets.hardware import cores
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.rotations import from_yaw
 from lacoloco.pipelines import train_low
 from lacoloco.pipelines.benchmarks.timer import Stopwatch
+from lacoloco.pipelines.learn.ase import Discriminator
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.sim.bare_engine import bare_engine
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -32,6 +34,10 @@ from lacoloco.robots.spec import RobotSpec
 
 ACTION_STD = 0.3
 """Standard deviation of the random actions: an early policy's."""
+
+
+Recipe = Literal["smoke", "laptop", "gpu", "paper"]
+"""A preset of train-low."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +53,12 @@ class BenchConfig:
         recipe: preset of ``train-low`` that ``train`` takes everything else from.
     """
 
-    worlds: int = 512
-    steps: int = 40
-    rounds: int = 9
-    seconds: float = math.inf
-    clips: int = 140
-    recipe: str = "laptop"
+    worlds: Worlds = 512
+    steps: Annotated[int, Within(1, 10**6)] = 40
+    rounds: Annotated[int, Within(1, 10_000)] = 9
+    seconds: Annotated[float, Within(0, math.inf)] = math.inf
+    clips: Annotated[int, Within(1, 100_000)] = 140
+    recipe: Recipe = "laptop"
 
     def turns(self) -> Iterator[int]:
         """The numbers of the rounds, as long as there is time."""
@@ -134,7 +140,10 @@ def bench_train(
         batch = max(64, preset.ase.batch * config.worlds // preset.worlds)
         preset = replace(preset, ase=replace(preset.ase, batch=batch))
     preset = replace(
-        preset, worlds=config.worlds, cat=cat, ase=replace(preset.ase, discriminator=disc)
+        preset,
+        worlds=config.worlds,
+        cat=cat,
+        ase=replace(preset.ase, discriminator=cast(Discriminator, disc)),
     )
     preset = replace(
         preset, coverage_every=0

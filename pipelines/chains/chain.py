@@ -13,6 +13,7 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import Any
 
+from lacoloco.datasets.config_values import check_config
 from lacoloco.pipelines.chains.experiments import (
     EXPERIMENTS,
     INPUT_OF,
@@ -306,7 +307,9 @@ class _Chain:
     def config(self, verb: str) -> Any:
         """A stage's config: the preset's, then the experiment's, then the settings'."""
         config = config_of(self.experiment, verb, preset=self.preset, method=self.method)
-        return changed(config, self.settings.get(verb, {}))
+        config = changed(config, self.settings.get(verb, {}))
+        check_config(config, f"{verb}.")
+        return config
 
     def _done(self, verb: str, seed: int) -> Path | None:
         from lacoloco.datasets.artifact import read_header

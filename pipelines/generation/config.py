@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
+from lacoloco.datasets.config_values import Factor, PositiveFactor, Ramp, Steps, Within, Worlds
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 
@@ -23,11 +25,11 @@ class ExpertConfig:
             target.
     """
 
-    worlds: int = 512
-    samples: int = 2_500_000
-    reward_scale: float = 3.0
-    ramp: tuple[float, float] = (0.05, 0.6)
-    std: tuple[float, float] = (0.5, 0.15)
+    worlds: Worlds = 512
+    samples: Steps = 2_500_000
+    reward_scale: PositiveFactor = 3.0
+    ramp: Ramp = (0.05, 0.6)
+    std: Annotated[tuple[float, float], Within(0, 100, above=True)] = (0.5, 0.15)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
             horizon=24,
@@ -38,6 +40,10 @@ class ExpertConfig:
         )
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        return self.ppo.conflict_with(self.worlds)
 
 
 def reach_expert() -> ExpertConfig:
@@ -77,8 +83,16 @@ class GenerateConfig:
 
     walk: ExpertConfig = field(default_factory=lambda: ExpertConfig(samples=3_000_000))
     reach: ExpertConfig = field(default_factory=reach_expert)
-    walk_clips: int = 120
-    reach_clips: int = 20
-    reach_weight: float = 9.0
-    seconds: float = 10.0
-    transient_s: float = 1.0
+    walk_clips: Annotated[int, Within(0, 100_000)] = 120
+    reach_clips: Annotated[int, Within(0, 100_000)] = 20
+    reach_weight: Factor = 9.0
+    seconds: Annotated[float, Within(0.1, 600)] = 10.0
+    transient_s: Annotated[float, Within(0, 600)] = 1.0
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        if not self.walk_clips + self.reach_clips:
+            return "walk_clips=0: use at least 1, or at least 1 of reach_clips"
+        if self.transient_s >= self.seconds:
+            return f"transient_s={self.transient_s}: use less than seconds = {self.seconds}"
+        return ""

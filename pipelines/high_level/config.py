@@ -3,7 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
+from lacoloco.datasets.config_values import (
+    Anneal,
+    Factor,
+    PositiveFactor,
+    Ramp,
+    Share,
+    Steps,
+    Within,
+    Worlds,
+)
 from lacoloco.pipelines.high_level.hindsight import HindsightConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
@@ -51,21 +62,21 @@ class TrainHighConfig:
         networks: Actor and critic.
     """
 
-    worlds: int = 512
-    decisions: int = 4_000_000
-    std: tuple[float, float] = (0.5, 0.12)
-    kl_anneal: tuple[float, float, float] = (0.1, 0.6, 1.0)
+    worlds: Worlds = 512
+    decisions: Steps = 4_000_000
+    std: Annotated[tuple[float, float], Within(0, 100, above=True)] = (0.5, 0.12)
+    kl_anneal: Anneal = (0.1, 0.6, 1.0)
     hindsight: HindsightConfig = field(default_factory=HindsightConfig)
-    critic_warmup: float = 0.02
-    reward_scale: float = 10.0
-    fall_penalty: float = 2.0
-    contact_force_penalty: float | None = None
-    contact_force_penalty_ramp: tuple[float, float] = (0.2, 0.5)
-    near_target_fraction: float = 0.5
-    noise_free_fraction: float = 0.5
-    randomisation: float = 1.25
-    restart_probability: float = 0.9
-    replay_failed_from: float = 0.4
+    critic_warmup: Share = 0.02
+    reward_scale: PositiveFactor = 10.0
+    fall_penalty: Factor = 2.0
+    contact_force_penalty: Factor | None = None
+    contact_force_penalty_ramp: Ramp = (0.2, 0.5)
+    near_target_fraction: Share = 0.5
+    noise_free_fraction: Share = 0.5
+    randomisation: Annotated[float, Within(0, 10)] = 1.25
+    restart_probability: Share = 0.9
+    replay_failed_from: Share = 0.4
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
             horizon=8,
@@ -86,3 +97,7 @@ class TrainHighConfig:
             actor=(256, 128), critic=(256, 128), activation="relu"
         )
     )
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        return self.ppo.conflict_with(self.worlds)

@@ -9,11 +9,13 @@ PPO starts from it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
+from lacoloco.datasets.config_values import Rising, Within
 from lacoloco.datasets.rotations import rotate_inverse
 from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.masking import put, select
@@ -37,10 +39,10 @@ class HindsightConfig:
         batch: Examples per gradient step.
     """
 
-    decisions: int = 100
-    hold: tuple[int, int] = (5, 25)
-    steps: int = 1500
-    batch: int = 2048
+    decisions: Annotated[int, Within(0, 100_000)] = 100
+    hold: Annotated[tuple[int, int], Within(1, 100_000), Rising()] = (5, 25)
+    steps: Annotated[int, Within(1, 10**7)] = 1500
+    batch: Annotated[int, Within(1, 2**20)] = 2048
 
 
 @dataclass(frozen=True)

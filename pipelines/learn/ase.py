@@ -6,11 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import torch
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from lacoloco.datasets.config_values import Factor, LearningRate, Share, Widths, Within
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.discriminator import TransitionNormalizer, imitation_reward
 from lacoloco.pipelines.learn.drail import DrailConfig, DrailDiscriminator
@@ -28,6 +30,10 @@ REWARDED_AT_ONCE = 2048
 """Transitions that the discriminator looks at together when it pays for them."""
 STATISTICS = 2048
 """Transitions of a rollout, and as many demonstrations, that the normaliser takes in."""
+
+
+Discriminator = Literal["drail", "gan"]
+"""Whose reward the policy gets for imitating."""
 
 
 @dataclass(frozen=True)
@@ -58,22 +64,22 @@ class AseConfig:
             the buffer span a million samples, so that an unlearned skill is not taken for new.
     """
 
-    discriminator: str = "drail"
+    discriminator: Discriminator = "drail"
     gan: GanConfig = field(default_factory=GanConfig)
     drail: DrailConfig = field(default_factory=DrailConfig)
-    encoder_hidden: tuple[int, ...] = (256, 128)
-    reward_scale: float = 0.1
-    imitation_weight: float = 1.0
-    encoder_weight: float = 0.3
-    labelled_encoder_weight: float = 1.0
-    reward_ceiling: float = 5.0
-    diversity: float = 0.01
-    updates: int = 2
-    batch: int = 1024
-    learning_rate: float = 3e-4
-    encoder_learning_rate: float = 3e-4
-    replay_capacity: int = 20_000
-    replay_share: float = 0.02
+    encoder_hidden: Widths = (256, 128)
+    reward_scale: Factor = 0.1
+    imitation_weight: Factor = 1.0
+    encoder_weight: Factor = 0.3
+    labelled_encoder_weight: Factor = 1.0
+    reward_ceiling: Annotated[float, Within(0, 1000, above=True)] = 5.0
+    diversity: Factor = 0.01
+    updates: Annotated[int, Within(1, 10_000)] = 2
+    batch: Annotated[int, Within(2, 2**20)] = 1024
+    learning_rate: LearningRate = 3e-4
+    encoder_learning_rate: LearningRate = 3e-4
+    replay_capacity: Annotated[int, Within(1, 10**8)] = 20_000
+    replay_share: Share = 0.02
 
 
 class Ase(Ppo):

@@ -5,10 +5,12 @@ section III-C; DRAIL).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from torch import nn
 
+from lacoloco.datasets.config_values import PositiveFactor, Rising, Share, Within
 from lacoloco.pipelines.learn.discriminator import classification
 
 
@@ -29,13 +31,13 @@ class DrailConfig:
         max_accuracy: Accuracy above which the discriminator does not learn.
     """
 
-    hidden: int = 128
-    layers: int = 3
-    steps: int = 1000
-    samples: int = 4
-    times: tuple[float, float] = (0.3, 0.8)
-    scale: float = 10.0
-    max_accuracy: float = 0.9
+    hidden: Annotated[int, Within(1, 4096)] = 128
+    layers: Annotated[int, Within(1, 16)] = 3
+    steps: Annotated[int, Within(2, 100_000)] = 1000
+    samples: Annotated[int, Within(1, 1000)] = 4
+    times: Annotated[tuple[float, float], Within(0, 1), Rising()] = (0.3, 0.8)
+    scale: PositiveFactor = 10.0
+    max_accuracy: Share = 0.9
 
 
 class DrailDiscriminator(nn.Module):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from rsl_rl.modules import MLP
 from torch import nn
 
+from lacoloco.datasets.config_values import Factor, Share, Widths, Within
 from lacoloco.pipelines.learn.discriminator import classification
 
 
@@ -29,12 +31,12 @@ class GanConfig:
             75 % it may go on standing.
     """
 
-    hidden: tuple[int, ...] = (256, 128)
-    noise: float = 1.0
-    samples: int = 4
-    gradient_penalty: float = 0.02
-    logit_decay: float = 0.01
-    max_accuracy: float = 0.9
+    hidden: Widths = (256, 128)
+    noise: Annotated[float, Within(0, 1000)] = 1.0
+    samples: Annotated[int, Within(1, 1000)] = 4
+    gradient_penalty: Factor = 0.02
+    logit_decay: Factor = 0.01
+    max_accuracy: Share = 0.9
 
 
 class GanDiscriminator(nn.Module):

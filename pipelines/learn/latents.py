@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 
+from lacoloco.datasets.config_values import Rising, Share, Within
 from lacoloco.pipelines.masking import pick, put, select
 
 
@@ -55,12 +57,21 @@ class LatentConfig:
         resample_probability: Share of the steps of a random walk that draw a new latent instead.
     """
 
-    dim: int = 7
-    min_steps: int = 1
-    max_steps: int = 149
-    random_walk_step_size: tuple[float, float] = (0.03, 1.0)
-    random_walk_steps: int = 5
-    resample_probability: float = 0.05
+    dim: Annotated[int, Within(2, 1024)] = 7
+    min_steps: Annotated[int, Within(1, 10**6)] = 1
+    max_steps: Annotated[int, Within(1, 10**6)] = 149
+    random_walk_step_size: Annotated[tuple[float, float], Within(0, 1000, above=True), Rising()] = (
+        0.03,
+        1.0,
+    )
+    random_walk_steps: Annotated[int, Within(1, 10**6)] = 5
+    resample_probability: Share = 0.05
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        if self.min_steps <= self.max_steps:
+            return ""
+        return f"min_steps={self.min_steps}: use at most max_steps = {self.max_steps}"
 
 
 class LatentSchedule:

@@ -5,12 +5,19 @@ module.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
+from lacoloco.datasets.config_values import Std, Widths
 from lacoloco.pipelines.learn.cat import ramp
+
+Activation = Literal[
+    "elu", "selu", "relu", "crelu", "lrelu", "tanh", "sigmoid", "softplus", "gelu", "swish", "mish"
+]
+"""rsl_rl's names of activation functions."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +31,10 @@ class NetworkConfig:
         init_std: First standard deviation of the exploration noise [raw action units].
     """
 
-    actor: tuple[int, ...] = (256, 128, 64)
-    critic: tuple[int, ...] = (256, 128, 64)
-    activation: str = "elu"
-    init_std: float = 0.35
+    actor: Widths = (256, 128, 64)
+    critic: Widths = (256, 128, 64)
+    activation: Activation = "elu"
+    init_std: Std = 0.35
 
 
 def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> MLPModel:

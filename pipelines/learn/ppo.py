@@ -9,12 +9,14 @@ learns from is taken before a reset.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from lacoloco.datasets.config_values import Factor, LearningRate, PositiveFactor, Share, Within
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.exploration import Exploration
 from lacoloco.pipelines.learn.networks import NetworkConfig, example, make_actor, make_critic
@@ -56,23 +58,41 @@ class PpoConfig:
         high_noise_fraction: Share of the exploring phases with the larger noise.
     """
 
-    horizon: int = 32
-    epochs: int = 5
-    minibatches: int = 4
-    gamma: float = 0.99
-    lam: float = 0.95
-    clip: float = 0.2
-    learning_rate: float = 2e-4
-    min_learning_rate: float = 1e-5
-    max_learning_rate: float = 2e-3
-    critic_learning_rate: float = 1e-3
-    desired_kl: float = 0.01
-    max_grad_norm: float = 1.0
-    bound: float = 1.1
-    bound_weight: float = 0.0
-    greedy_fraction: float = 0.0
-    noise_hold_steps: float = 1.0
-    high_noise_fraction: float = 0.0
+    horizon: Annotated[int, Within(1, 10_000)] = 32
+    epochs: Annotated[int, Within(1, 1000)] = 5
+    minibatches: Annotated[int, Within(1, 10_000)] = 4
+    gamma: Share = 0.99
+    lam: Share = 0.95
+    clip: Annotated[float, Within(0, 10, above=True)] = 0.2
+    learning_rate: LearningRate = 2e-4
+    min_learning_rate: LearningRate = 1e-5
+    max_learning_rate: LearningRate = 2e-3
+    critic_learning_rate: LearningRate = 1e-3
+    desired_kl: Annotated[float, Within(0, 100, above=True)] = 0.01
+    max_grad_norm: PositiveFactor = 1.0
+    bound: Factor = 1.1
+    bound_weight: Factor = 0.0
+    greedy_fraction: Share = 0.0
+    noise_hold_steps: Annotated[float, Within(1, 1e6)] = 1.0
+    high_noise_fraction: Share = 0.0
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        if self.min_learning_rate <= self.max_learning_rate:
+            return ""
+        return (
+            f"min_learning_rate={self.min_learning_rate}: use at most max_learning_rate ="
+            f" {self.max_learning_rate}"
+        )
+
+    def conflict_with(self, worlds: int) -> str:
+        """The same of a training with so many worlds."""
+        samples = worlds * self.horizon
+        if samples < 2:
+            return f"worlds={worlds}: use at least two, or a longer ppo.horizon"
+        if self.minibatches > samples:
+            return f"ppo.minibatches={self.minibatches}: use at most worlds * horizon = {samples}"
+        return ""
 
 
 class Ppo(PPO):

@@ -12,11 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from rsl_rl.modules import MLP
 from torch import nn
 
+from lacoloco.datasets.config_values import Widths, Within
 from lacoloco.pipelines.learn.latents import project
 
 
@@ -32,10 +34,16 @@ class WindowConfig:
         hidden: Widths of the embedding's hidden layers.
     """
 
-    steps: int = 50
-    ahead: int = 25
-    frames: int = 8
-    hidden: tuple[int, ...] = (256, 128)
+    steps: Annotated[int, Within(1, 10_000)] = 50
+    ahead: Annotated[int, Within(0, 10_000)] = 25
+    frames: Annotated[int, Within(1, 1000)] = 8
+    hidden: Widths = (256, 128)
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        if self.ahead <= self.steps:
+            return ""
+        return f"ahead={self.ahead}: use at most steps = {self.steps}"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
+from lacoloco.datasets.config_values import (
+    Anneal,
+    Length,
+    Ramp,
+    Rising,
+    Share,
+    Std,
+    Steps,
+    Text,
+    Within,
+    Worlds,
+)
 from lacoloco.pipelines.learn.ase import AseConfig
 from lacoloco.pipelines.learn.latents import LatentConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
@@ -60,28 +73,28 @@ class TrainLowConfig:
         ase: Discriminator and encoder.
     """
 
-    worlds: int = 512
-    samples: int = 6_000_000
+    worlds: Worlds = 512
+    samples: Steps = 6_000_000
     cat: bool = True
-    cat_ramp: tuple[float, float] = (0.3, 0.5)
-    clip_share: float = 0.7
-    episode_s: float = 2.0
-    long_horizon_fraction: float = 0.5
-    long_horizon_from: float = 0.3
-    randomisation: float = 1.5
-    restart_probability: float = 0.9
-    push: float = 0.3
-    push_every_s: tuple[float, float] = (1.0, 3.0)
-    exploration_std: float = 0.05
-    kl_anneal: tuple[float, float, float] = (0.1, 0.6, 1.0)
-    bc_steps: int = 3000
-    bc_clip_start_fraction: float = 0.2
-    critic_warmup: float = 0.03
+    cat_ramp: Ramp = (0.3, 0.5)
+    clip_share: Share = 0.7
+    episode_s: Annotated[float, Within(0.02, 3600)] = 2.0
+    long_horizon_fraction: Share = 0.5
+    long_horizon_from: Share = 0.3
+    randomisation: Annotated[float, Within(0, 10)] = 1.5
+    restart_probability: Share = 0.9
+    push: Annotated[float, Within(0, 10)] = 0.3
+    push_every_s: Annotated[tuple[float, float], Within(0.02, 3600), Rising()] = (1.0, 3.0)
+    exploration_std: Std = 0.05
+    kl_anneal: Anneal = (0.1, 0.6, 1.0)
+    bc_steps: Annotated[int, Within(0, 10**7)] = 3000
+    bc_clip_start_fraction: Share = 0.2
+    critic_warmup: Share = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)
-    skill_shares: tuple[tuple[str, float], ...] = ()
-    coverage_every: int = 250_000
-    coverage_latents: int = 256
-    choose_from: float = 0.8
+    skill_shares: Annotated[tuple[tuple[Text, Share], ...], Length(0, 1000)] = ()
+    coverage_every: Annotated[int, Within(0, 10**12)] = 250_000
+    coverage_latents: Annotated[int, Within(1, 131_072)] = 256
+    choose_from: Share = 0.8
     latents: LatentConfig = field(default_factory=LatentConfig)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
@@ -96,3 +109,7 @@ class TrainLowConfig:
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
     ase: AseConfig = field(default_factory=AseConfig)
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        return self.ppo.conflict_with(self.worlds)

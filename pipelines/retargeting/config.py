@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+from lacoloco.datasets.config_values import Form, Length, Text, Within, check_config
 from lacoloco.datasets.mocap import UpAxis
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.mocap.reading import Reading
@@ -14,6 +15,7 @@ from lacoloco.pipelines.retargeting.mocap.trim import check_trim
 from lacoloco.pipelines.retargeting.solve.clip_problem import ClipWeights
 
 Mode = Literal["paper", "clip"]
+SCALES = Form(r"|auto|none|[\d.]+(e[+-]?\d+)?", "auto, none, a positive factor, or nothing")
 
 
 @dataclass(frozen=True)
@@ -47,48 +49,36 @@ class RetargetConfig:
     """
 
     mode: Mode = "clip"
-    scale: str = ""
-    posture_weight: float = 0.005
+    scale: Annotated[str, SCALES] = ""
+    posture_weight: Annotated[float, Within(0, 1000)] = 0.005
     clip: ClipWeights = field(default_factory=ClipWeights)
-    map: str = ""
+    map: Text = ""
     up_axis: Literal["", "x", "y", "z", "-x", "-y", "-z"] = ""
-    unit: float = 0.0
-    source_fps: float = 0.0
-    trim: str = ""
-    select: str = ""
-    fps: float = 0.0
+    unit: Annotated[float, Within(0, 1000)] = 0.0
+    source_fps: Annotated[float, Within(0, 10_000)] = 0.0
+    trim: Text = ""
+    select: Text = ""
+    fps: Annotated[float, Within(0, 10_000)] = 0.0
     mirror: bool = False
-    bend: float = 0.0
+    bend: Annotated[float, Within(-100, 100)] = 0.0
     augment: bool = False
-    augment_bends: tuple[float, ...] = (1.5, -1.0)
+    augment_bends: Annotated[tuple[float, ...], Length(0, 100), Within(-100, 100)] = (1.5, -1.0)
     swap_sides: bool = False
-    skill: str = "dog"
-    licence: str = ""
+    skill: Text = "dog"
+    licence: Text = ""
     pictures: bool = True
 
     def check(self) -> None:
         """Refuse what no file could be read with.
 
         Raises:
+            ConfigError: The message names the field.
             StageError: The message names the option.
         """
+        check_config(self)
         check_trim(self.trim)
         if self.trim and self.select:
             raise StageError("--trim: a selection has trims of its own; leave one of the two out")
-        if not 0 <= self.fps < float("inf"):
-            raise StageError(f"--fps {self.fps}: give frames per second, or 0 for the file's")
-        if not 0 <= self.source_fps < float("inf"):
-            raise StageError(
-                f"--source-fps {self.source_fps}: give the files' frames per second, or 0"
-            )
-        if not 0 <= self.unit < float("inf"):
-            raise StageError(
-                f"--unit {self.unit}: give the metres per unit of the files, e.g. 0.01"
-            )
-        for option, bends in (("--bend", (self.bend,)), ("augment_bends", self.augment_bends)):
-            for bend in bends:
-                if not abs(bend) < float("inf"):
-                    raise StageError(f"{option} {bend}: give a curvature in 1/m, e.g. 1.5")
         self.reading(shipped_maps()[0])
 
     def reading(self, skeleton: SkeletonMap, trim: str = "") -> Reading:

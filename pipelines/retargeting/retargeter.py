@@ -208,8 +208,8 @@ def parse_scale(text: str) -> float | Literal["auto"] | None:
         factor = float(text)
     except ValueError:
         factor = 0.0
-    if not 0.0 < factor < np.inf:
-        raise StageError(f"scale '{text}': use none, auto or a positive factor")
+    if not 1e-4 <= factor <= 1e4:
+        raise StageError(f"scale '{text}': use none, auto or a factor from 0.0001 to 10,000")
     return factor
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
+from lacoloco.datasets.config_values import Ramp, Rising, Seconds, Share, Steps, Within, Worlds
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 
@@ -28,15 +30,15 @@ class TrackerConfig:
             actions.
     """
 
-    worlds: int = 512
-    samples: int = 3_000_000
-    episode_s: float = 4.0
-    standing_start_fraction: float = 0.2
-    stop_fraction: float = 0.2
-    stop_after_s: tuple[float, float] = (0.3, 2.5)
-    grace_s: float = 0.6
-    ramp: tuple[float, float] = (0.4, 0.8)
-    std: tuple[float, float] = (0.12, 0.05)
+    worlds: Worlds = 512
+    samples: Steps = 3_000_000
+    episode_s: Annotated[float, Within(0.02, 3600)] = 4.0
+    standing_start_fraction: Share = 0.2
+    stop_fraction: Share = 0.2
+    stop_after_s: Annotated[tuple[float, float], Within(0, 3600), Rising()] = (0.3, 2.5)
+    grace_s: Seconds = 0.6
+    ramp: Ramp = (0.4, 0.8)
+    std: Annotated[tuple[float, float], Within(0, 100, above=True)] = (0.12, 0.05)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
             horizon=24,
@@ -48,6 +50,10 @@ class TrackerConfig:
         )
     )
     networks: NetworkConfig = field(default_factory=NetworkConfig)
+
+    def conflict(self) -> str:
+        """What does not fit together, "" if all does."""
+        return self.ppo.conflict_with(self.worlds)
 
 
 @dataclass(frozen=True)
@@ -71,13 +77,13 @@ class RecordingConfig:
             and a policy that has seen little else stands.
     """
 
-    copies: int = 3
-    starts: int = 200
-    start_s: float = 5.0
-    stops: int = 200
-    stop_after_s: tuple[float, float] = (0.5, 2.5)
-    stand_s: float = 2.0
-    transient_s: float = 0.2
-    before_termination_s: float = 0.4
-    min_segment_s: float = 1.0
-    rest_s: float = 1.0
+    copies: Annotated[int, Within(1, 10_000)] = 3
+    starts: Annotated[int, Within(0, 131_072)] = 200
+    start_s: Annotated[float, Within(0.02, 3600)] = 5.0
+    stops: Annotated[int, Within(0, 131_072)] = 200
+    stop_after_s: Annotated[tuple[float, float], Within(0, 3600), Rising()] = (0.5, 2.5)
+    stand_s: Seconds = 2.0
+    transient_s: Seconds = 0.2
+    before_termination_s: Seconds = 0.4
+    min_segment_s: Annotated[float, Within(0.04, 3600)] = 1.0
+    rest_s: Seconds = 1.0

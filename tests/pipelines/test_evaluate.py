@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from lacoloco.datasets.artifact import read_artifact
+from lacoloco.datasets.errors import ConfigError
 from lacoloco.datasets.robot_record import RobotRecord
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import evaluate
-from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import Episodes
 from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext
@@ -127,7 +127,7 @@ def test_ranges_of_one_s_own_take_the_place_of_the_task_s(context, two_seeds, mo
 
 @pytest.mark.parametrize("friction", [(0.0, 1.0), (1.5, 0.4), (1.0, float("nan"))])
 def test_ranges_that_are_none(context, two_seeds, friction):
-    with pytest.raises(StageError, match="--set friction=.*the lower one first"):
+    with pytest.raises(ConfigError, match="friction=.*the lower one first"):
         evaluate.run(
             evaluate.EvalConfig(4, 2, 4, friction=friction), context, policies=two_seeds[0]
         )

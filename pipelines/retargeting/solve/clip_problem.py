@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from lacoloco.datasets import rotations
+from lacoloco.datasets.config_values import Factor, Within
 from lacoloco.pipelines.retargeting.alignment import rigid_fit
 from lacoloco.pipelines.retargeting.filters import smooth
 from lacoloco.pipelines.retargeting.measure.quality import LIMIT_MARGIN
@@ -61,12 +63,12 @@ class ClipWeights:
         hip_height: Least height of the hips, m: half of the base's and of the thigh's thickness.
     """
 
-    posture: float = 5e-4
-    smooth_position: float = 50.0
-    smooth_turn: float = 5.0
-    smooth_joints: float = 0.5
-    knee_height: float = 0.02
-    hip_height: float = 0.045
+    posture: Factor = 5e-4
+    smooth_position: Factor = 50.0
+    smooth_turn: Factor = 5.0
+    smooth_joints: Factor = 0.5
+    knee_height: Annotated[float, Within(0, 10)] = 0.02
+    hip_height: Annotated[float, Within(0, 10)] = 0.045
 
 
 class ClipProblem:
