@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +35,10 @@ SCHEMAS: dict[str, int] = {
     "lacoloco/switching": 1,
     "lacoloco/experts": 1,
 }
+
+
+LONGEST_PATH = 4096
+"""Letters in the path of a parent; Linux allows no more."""
 
 
 @dataclass(frozen=True)
@@ -218,7 +223,7 @@ def _parse_header(path: Path, raw: RawHeader) -> Header:
             seed=None if seed is None else int(seed),
             robot=text.get("robot", ""),
             robot_hash=text.get("robot_hash", ""),
-            parents=tuple(Parent(**parent) for parent in json.loads(text["parents"])),
+            parents=_parents(json.loads(text["parents"])),
             created=text["created"],
             command=text.get("command", ""),
             git_commit=text.get("git_commit", ""),
@@ -227,8 +232,21 @@ def _parse_header(path: Path, raw: RawHeader) -> Header:
             robot_files=_texts(json.loads(text.get("robot_files", "{}"))),
             robot_folder=text.get("robot_folder", ""),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ArtifactError(f"{path}: its header is {DAMAGED}") from error
+
+
+def _parents(listed: object) -> tuple[Parent, ...]:
+    """The parents, as they were read from JSON."""
+    if not isinstance(listed, list):
+        raise TypeError("a list of parents is expected")
+    parents = tuple(Parent(**parent) for parent in listed)
+    for parent in parents:
+        if not isinstance(parent.path, str) or not isinstance(parent.sha256, str):
+            raise TypeError("a parent has a path and a hash")
+        if not 0 < len(os.fsencode(parent.path)) <= LONGEST_PATH or "\0" in parent.path:
+            raise ValueError("no path of a file")
+    return parents
 
 
 def _texts(value: object) -> dict[str, str]:

@@ -271,22 +271,31 @@ def clips_of(artifact: Artifact) -> list[Clip]:
     try:
         arrays, metadata = artifact.arrays, artifact.metadata
         offsets = arrays["offsets"].tolist()
-        joint_names = tuple(metadata["joint_names"])
+        joint_names = tuple(str(name) for name in metadata["joint_names"])
         clips = []
         for index, row in enumerate(metadata["clips"]):
             start, stop = offsets[index], offsets[index + 1]
             rows: dict[str, Any] = {name: arrays[name][start:stop] for name in series.SERIES}
             rows |= {name: arrays.get(f"{name}/{index}") for name in series.OPTIONAL}
+            _check_row(row)
             clips.append(Clip(**row, joint_names=joint_names, **rows))
             clips[-1].validate()
         if not clips:
             raise DatasetError("it holds no clips")
         return clips
-    except (KeyError, IndexError, TypeError, DatasetError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise ArtifactError(
             f"{artifact.path}: its tables do not fit together ({error}); run the stage that made"
             " it again"
         ) from error
+
+
+def _check_row(row: Mapping[str, Any]) -> None:
+    """Refuse a row of the stored table with a value of another type than a clip has there."""
+    for name, value in row.items():
+        kind = (int, float) if name in ("fps", "weight") else str
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise TypeError(f"{name} of a clip is {type(value).__name__}")
 
 
 def common_joints(clips: Sequence[Clip]) -> tuple[str, ...]:

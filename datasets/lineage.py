@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,24 +36,39 @@ class Ancestor:
 def lineage(path: Path) -> list[Ancestor]:
     """All files an artifact was made of, itself first, each followed by its own parents.
 
-    Every file's hash is compared with the one recorded when it was used.
+    A file that several were made of is followed by its parents the first time only. Every file's
+    hash is compared with the one recorded when it was used; each file is read once.
 
     Raises:
         ArtifactError: the artifact at `path` itself cannot be read.
     """
     path = Path(path)
     header = read_header(path)
-    return [Ancestor(0, path, "ok", "", header), *_ancestors(header, 1, {path.resolve()})]
+    return [Ancestor(0, path, "ok", "", header), *_ancestors(header, _real(path))]
 
 
-def _ancestors(header: Header, depth: int, above: set[Path]) -> Iterator[Ancestor]:
-    for parent in header.parents:
-        path = _locate(parent, header)
-        state, own = _inspect(path, parent.sha256)
+def _ancestors(header: Header, place: str) -> Iterator[Ancestor]:
+    """Depth first, without recursion: a chain of parents may be longer than Python's stack."""
+    known: dict[str, tuple[str, Header | None]] = {}
+    followed = {place}
+    pending = [(1, parent, header) for parent in reversed(header.parents)]
+    while pending:
+        depth, parent, child = pending.pop()
+        path = _locate(parent, child)
+        place = _real(path)
+        if place not in known:
+            known[place] = _inspect(path)
+        digest, own = known[place]
+        damaged = path.suffix == ".h5" and own is None and digest
+        state = "damaged" if damaged else _state(digest, parent.sha256)
         yield Ancestor(depth, path, state, parent.sha256, own)
-        # A changed file may name one of its descendants; an unchanged one cannot.
-        if own is not None and path.resolve() not in above:
-            yield from _ancestors(own, depth + 1, above | {path.resolve()})
+        if own is not None and place not in followed:
+            followed.add(place)
+            pending += [(depth + 1, one, own) for one in reversed(own.parents)]
+
+
+def _real(path: Path) -> str:
+    return os.path.realpath(path)  # Path.resolve would fail where links go round in a circle
 
 
 def _locate(parent: Parent, header: Header) -> Path:
@@ -63,13 +79,19 @@ def _locate(parent: Parent, header: Header) -> Path:
     return path if path.is_file() else published.find_copy(parent.sha256) or path
 
 
-def _inspect(path: Path, expected: str) -> tuple[str, Header | None]:
-    if not path.is_file():
-        return "missing", None
-    state = "ok" if hash_file(path) == expected else "changed"
-    if path.suffix != ".h5":
-        return state, None
+def _inspect(path: Path) -> tuple[str, Header | None]:
+    """Hash of a file, "" where there is none to read, and what it says about itself, if it does."""
     try:
-        return state, read_header(path)
+        digest = hash_file(path)
     except ArtifactError:
-        return "damaged", None
+        return "", None
+    try:
+        return digest, read_header(path) if path.suffix == ".h5" else None
+    except ArtifactError:
+        return digest, None
+
+
+def _state(digest: str, expected: str) -> str:
+    if not digest:
+        return "missing"
+    return "ok" if digest == expected else "changed"

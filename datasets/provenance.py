@@ -36,7 +36,7 @@ class Parent:
     def locate(self, artifact: Path) -> Path:
         """The parent's path as seen from the place where `artifact` lies now."""
         if self.path.startswith(_PUBLISHED):
-            return published.FOLDER / self.path.removeprefix(_PUBLISHED)
+            return published.FOLDER / Path(self.path.removeprefix(_PUBLISHED)).name
         return Path(os.path.normpath(artifact.absolute().parent / self.path))
 
 

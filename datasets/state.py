@@ -45,7 +45,7 @@ def unflatten_state(arrays: Mapping[str, np.ndarray], structure: Mapping[str, An
     """
     try:
         state = _unflatten(structure, arrays)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise ArtifactError(
             f"stored state does not fit together ({type(error).__name__}: {error}); run the stage"
             " that made it again"

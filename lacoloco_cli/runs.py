@@ -5,6 +5,8 @@ Its further sub-commands have files of their own.
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,22 +62,30 @@ def list_runs(session: Session) -> None:
 def show_run(session: Session, target: Shown = None) -> None:
     """Show artifacts and their lineage, back to the files that all began with."""
     from lacoloco.datasets.artifact import read_artifact
+    from lacoloco.datasets.errors import ArtifactError
     from lacoloco.datasets.lineage import lineage
 
-    found = []
+    found, broken = [], []
     for path in _ends_of_chains(_artifacts(session.store, target or session.run_name)):
-        artifact = read_artifact(path)
-        found.append((artifact, artifact.data_hash, lineage(path)))
+        try:  # one bad file must not hide the others
+            artifact = read_artifact(path)
+            found.append((artifact, artifact.data_hash, lineage(path)))
+        except ArtifactError as error:
+            broken.append(str(error))
 
     def show() -> None:
         for header, data_hash, ancestors in found:
             _show_artifact(header, data_hash, ancestors)
+        for problem in broken:
+            console.note(f"error: {problem}")
 
     payload = [
         {**_describe(header), "data_hash": data_hash, "lineage": [_ancestor(a) for a in ancestors]}
         for header, data_hash, ancestors in found
     ]
-    session.answer({"artifacts": payload}, show)
+    session.answer({"artifacts": payload, "problems": broken}, show)
+    if broken:
+        raise typer.Exit(USER_MISTAKE)
 
 
 @verb(app, "verify", shared=READING)
@@ -153,10 +163,14 @@ def _artifacts(store: RunStore, target: str, *, empty: bool = False) -> list[Pat
 def _ends_of_chains(paths: list[Path]) -> list[Path]:
     """The newest artifact of each stage, without those that another one was made of."""
     from lacoloco.datasets.artifact import read_header
+    from lacoloco.datasets.errors import ArtifactError
 
     newest = list({path.parent.parent: path for path in paths}.values())
-    used = {p.locate(path).resolve() for path in newest for p in read_header(path).parents}
-    return [path for path in newest if path.resolve() not in used]
+    used = set()
+    for path in newest:
+        with suppress(ArtifactError):  # what cannot be read is nobody's descendant
+            used |= {os.path.realpath(p.locate(path)) for p in read_header(path).parents}
+    return [path for path in newest if os.path.realpath(path) not in used]
 
 
 def _verify(path: Path) -> dict[str, Any]:

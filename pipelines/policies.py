@@ -13,6 +13,7 @@ import torch
 from rsl_rl.models import MLPModel
 
 from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
+from lacoloco.datasets.config_values import check_config
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.old_names import translated
 from lacoloco.datasets.state import flatten_state, unflatten_state
@@ -112,19 +113,54 @@ def load_policies(
         ArtifactError: not a policy, damaged, or a role in ``needed`` is not in it.
     """
     artifact = read_artifact(path, SCHEMA)
-    states = unflatten_state(artifact.arrays, artifact.metadata["structure"])
-    policies = {}
-    for role, data in artifact.metadata["heads"].items():
-        stored = translated("NetworkConfig", data["networks"])
-        listed = {k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
-        networks = NetworkConfig(**cast("dict[str, Any]", listed))
-        head = Head(**{**data, "networks": networks})
-        actor = make_actor(head.sizes, head.actions, networks)
-        actor.load_state_dict(states[role])
-        policies[role] = Policy(head, actor.to(device).eval())
+    try:
+        states = unflatten_state(artifact.arrays, artifact.metadata["structure"])
+        heads = {role: _head(data) for role, data in artifact.metadata["heads"].items()}
+        for role, head in heads.items():
+            _check_size(head, states[role])
+        policies = {role: _restored(head, states[role], device) for role, head in heads.items()}
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        told = " ".join(str(error).split())[:200]
+        raise ArtifactError(
+            f"{path}: its networks do not fit together ({told}); run the stage that made it again"
+        ) from error
     for role in needed:
         if role not in policies:
             raise ArtifactError(
                 f"{path}: holds {', '.join(policies)}, not the {role} policy; name another artifact"
             )
     return artifact, policies
+
+
+def _head(data: dict[str, Any]) -> Head:
+    """A head as it was stored, every part of its type."""
+    stored = translated("NetworkConfig", data["networks"])
+    listed = {k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
+    networks = NetworkConfig(**cast("dict[str, Any]", listed))
+    check_config(networks, "networks.")
+    head = Head(**{**data, "networks": networks})
+    widths = [head.actions, *dict(head.sizes).values()]
+    if any(type(width) is not int or width < 1 for width in widths):
+        raise ValueError(f"widths {widths} of a network's ends")
+    if not isinstance(head.layout, list) or not isinstance(head.task, str):
+        raise TypeError("layout or task is of another type")
+    return head
+
+
+def _check_size(head: Head, state: dict[str, torch.Tensor]) -> None:
+    """Refuse a network with more weights than are stored, before memory is asked for it.
+
+    Raises:
+        ValueError: It has.
+    """
+    widths = [sum(head.sizes.values()), *head.networks.actor, head.actions]
+    weights = sum(first * second for first, second in zip(widths, widths[1:], strict=False))
+    there = sum(value.numel() for value in state.values())
+    if weights > there:
+        raise ValueError(f"a network of {weights} weights, of which {there} are stored")
+
+
+def _restored(head: Head, state: dict[str, torch.Tensor], device: str) -> Policy:
+    actor = make_actor(head.sizes, head.actions, head.networks)
+    actor.load_state_dict(state)
+    return Policy(head, actor.to(device).eval())

@@ -121,15 +121,15 @@ def from_arrays(arrays: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -
     try:
         return [
             Recording(
-                name=row["name"],
+                name=str(row["name"]),
                 fps=float(row["fps"]),
-                note=row["note"],
+                note=str(row["note"]),
                 bones=tuple((int(a), int(b)) for a, b in row["bones"]),
                 **cast("dict[str, Any]", _poses(arrays, index)),
             )
             for index, row in enumerate(metadata["recordings"])
         ]
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise StageError(
             f"the playback's tables do not fit together ({error}); make it again"
         ) from error

@@ -1,5 +1,6 @@
 import json
 
+import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -127,3 +128,28 @@ def test_verify_notes_a_source_that_is_gone_but_not_one_that_was_replaced(call, 
     assert "is missing" in report["problems"][0]
     mocap.write_text("something else")
     assert call("verify", str(clips)).exit_code == 2
+
+
+def test_one_bad_file_does_not_hide_the_others(call, chain, add):
+    import os
+
+    _, clips, low = chain
+    deep, pipe = add("dog", "track"), add("dog", "generate")
+    with h5py.File(deep, "r+") as file:
+        file.attrs["metadata"] = np.bytes_(b"[" * 100_000)
+    pipe.unlink()
+    os.mkfifo(pipe)
+    listed = call("list", "--json")
+    assert listed.exit_code == 0
+    states = {row["path"]: row["state"] for row in json.loads(listed.stdout)["artifacts"]}
+    assert (states[str(clips)], states[str(low)]) == ("complete", "complete")
+    assert states[str(deep)] == "damaged"
+    verified = call("verify", "--json")
+    assert verified.exit_code == 2
+    intact = {row["path"]: row["intact"] for row in json.loads(verified.stdout)["artifacts"]}
+    assert (intact[str(clips)], intact[str(low)], intact[str(deep)]) == (True, True, False)
+    shown = call("show", "dog", "--json")
+    assert shown.exit_code == 2
+    answer = json.loads(shown.stdout)
+    assert [one["path"] for one in answer["artifacts"]] == [str(low)]
+    assert any(str(deep) in problem for problem in answer["problems"])

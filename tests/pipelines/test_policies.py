@@ -1,11 +1,13 @@
 """Policies as artifacts."""
 
+import json
+
 import numpy as np
 import pytest
 import torch
 
 from lacoloco.datasets import published
-from lacoloco.datasets.artifact import write_artifact
+from lacoloco.datasets.artifact import read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
@@ -113,3 +115,44 @@ def test_published_policies_of_earlier_versions_load(name):
     path = published.find(name)
     artifact, policies = load_policies(path)
     assert policies.keys() == artifact.metadata["heads"].keys()
+
+
+HOSTILE = [
+    (("networks", "actor"), [60_000, 60_000], "networks.actor"),
+    (("networks", "actor"), [4096, 4096, 4096], "weights, of which"),
+    (("networks", "actor"), [], "networks.actor"),
+    (("networks", "actor"), "16", "networks.actor"),
+    (("networks", "activation"), "os.system", "networks.activation"),
+    (("networks", "init_std"), -1.0, "networks.init_std"),
+    (("sizes",), {"policy": 10**9, "latent": 3}, "weights, of which"),
+    (("sizes",), {"policy": "6", "latent": 3}, "widths"),
+    (("sizes",), [6, 3], ""),
+    (("actions",), 5, ""),
+    (("actions",), -4, "widths"),
+    (("layout",), 5, "layout or task"),
+    (("task",), None, "layout or task"),
+    ((), 5, ""),
+    ((), {"other": 1}, ""),
+]
+
+
+@pytest.mark.parametrize(("place", "value", "words"), HOSTILE)
+def test_stored_networks_are_checked_before_they_are_built(path, tmp_path, place, value, words):
+    stored = read_artifact(path)
+    metadata = json.loads(json.dumps(stored.metadata))
+    at, keys = metadata["heads"], ["low", *place]
+    for key in keys[:-1]:
+        at = at[key]
+    at[keys[-1]] = value
+    altered = write_artifact(
+        tmp_path / "altered.h5",
+        "lacoloco/policy",
+        stored.arrays,
+        metadata=metadata,
+        config={},
+        seed=0,
+        robot=None,
+    )
+    with pytest.raises(ArtifactError, match="do not fit together") as caught:
+        load_policies(altered)
+    assert words in str(caught.value) and "\n" not in str(caught.value)
