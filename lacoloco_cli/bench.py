@@ -64,6 +64,21 @@ def bench_train(
     _show(session, answer)
 
 
+@verb(app, "contacts", shared=READING)
+def bench_contacts(session: Session, robot: Robot = "solo12") -> None:
+    """How hard a fall hits the feet and how deep they sink, beside a rubber foot; what it costs."""
+    from lacoloco.pipelines.benchmarks import contacts as bench
+
+    figures = bench.bench_contacts(robot)
+
+    def show() -> None:
+        for name in ("reference", "rows"):
+            rows = figures[name]
+            console.print_table(list(rows[0]), [list(row.values()) for row in rows])
+
+    session.answer(figures, show)
+
+
 @verb(app, "retarget", shared=READING)
 def bench_retarget(
     session: Session,

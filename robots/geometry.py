@@ -48,6 +48,13 @@ def colliding_meshes(model: mujoco.MjModel) -> list[int]:
     return [int(g) for g in np.flatnonzero(touches & meshes)]
 
 
+def foot_geoms(model: mujoco.MjModel, feet: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Ids of all geoms of the feet, and for each the row of its foot in ``feet``."""
+    rows = {model.body(name).id: row for row, name in enumerate(feet)}
+    geoms = [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in rows]
+    return geoms, [rows[int(model.geom_bodyid[g])] for g in geoms]
+
+
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
     """World z of the lowest point of a sphere, capsule, cylinder or box, m.
 

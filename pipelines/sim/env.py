@@ -105,7 +105,7 @@ class LeggedEnv:
         self._resample_at = torch.zeros_like(self.steps)
         self._push_at = torch.zeros_like(self.steps)
         self.diverged_total = torch.zeros((), dtype=torch.long, device=self.device)
-        self.parameters = draw_parameters(task.randomisation, num_worlds, self.draw)
+        self.parameters = draw_parameters(task.randomisation, num_worlds, len(spec.feet), self.draw)
         self.physics.set_parameters(self.parameters)
         self._tip: torch.Tensor | None = None
         self._read()
@@ -209,7 +209,9 @@ class LeggedEnv:
         Costs four tenths of a step for any number of them, so call it now and then, for the worlds
         that began anew since the last call.
         """
-        others = draw_parameters(self.task.randomisation, self.num_worlds, self.draw)
+        others = draw_parameters(
+            self.task.randomisation, self.num_worlds, len(self.spec.feet), self.draw
+        )
         self.parameters = self.parameters.replaced(mask, others)
         self.physics.set_parameters(self.parameters)
 

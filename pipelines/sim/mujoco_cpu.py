@@ -19,7 +19,8 @@ from lacoloco.pipelines.sim.physics import (
     WorldParameters,
     monitored_bodies,
 )
-from lacoloco.robots.scene import compile_scene
+from lacoloco.robots.geometry import foot_geoms
+from lacoloco.robots.scene import compile_scene, contact_time
 
 
 class BatchPhysics:
@@ -44,10 +45,7 @@ class BatchPhysics:
         self._time = self._batch.bind("time")
         self._feet = np.stack([_columns(self.model, f"force_{body}") for body in spec.feet])
         self._bodies = np.stack([_columns(self.model, f"force_{body}") for body in self.monitored])
-        bodies = {self.model.body(name).id for name in spec.feet}
-        self._foot_geoms = [
-            g for g in range(self.model.ngeom) if self.model.geom_bodyid[g] in bodies
-        ]
+        self._foot_geoms, self._foot_of_geom = foot_geoms(self.model, spec.feet)
         self._base = int(self.model.jnt_bodyid[0])
         self._record: dict[str, np.ndarray] | None = None
         self.step(torch.zeros(self.num_worlds, self.model.nu))
@@ -90,12 +88,15 @@ class BatchPhysics:
         self._refresh()
 
     def set_parameters(self, parameters: WorldParameters) -> None:
-        """Give every world its own friction, masses, inertias and centre of mass."""
+        """Give every world its own contacts of the feet, masses, inertias and centre of mass."""
         scale = parameters.mass_scale.double().numpy()[:, None]
         inertia = scale * parameters.inertia_scale.double().numpy()[:, None]
-        self._batch.expand("geom_friction")[:, self._foot_geoms, 0] = parameters.friction.numpy()[
-            :, None
-        ]
+        friction = (parameters.friction[:, None] * parameters.foot_friction).numpy()
+        feet, contact = self._foot_geoms, self._batch.expand("geom_solref")
+        self._batch.expand("geom_friction")[:, feet, 0] = friction[:, self._foot_of_geom]
+        time = parameters.contact_time.double().numpy() * contact_time(PHYSICS_DT)
+        contact[:, feet, 0] = time[:, None]
+        contact[:, feet, 1] = parameters.contact_damping.numpy()[:, None]
         self._batch.expand("body_mass")[:] = self.model.body_mass * scale
         self._batch.expand("body_inertia")[:] = self.model.body_inertia * inertia[..., None]
         centre = self.model.body_ipos[self._base] + parameters.base_com_offset.numpy()

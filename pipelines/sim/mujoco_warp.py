@@ -1,4 +1,4 @@
-"""The GPU engine: MuJoCo Warp, with the four substeps of a control step in one captured graph. Runs
+"""The GPU engine: MuJoCo Warp, with the substeps of a control step in one captured graph. Runs
 on the CPU too, slowly.
 
 Torch and Warp share the memory of the state and run on one stream, torch's, so nothing is copied
@@ -25,12 +25,13 @@ from lacoloco.pipelines.sim.physics import (
     WorldParameters,
     monitored_bodies,
 )
-from lacoloco.robots.scene import compile_scene
+from lacoloco.robots.geometry import foot_geoms
+from lacoloco.robots.scene import compile_scene, contact_time
 
 # Its greeting and its list of compiled modules go to stdout, where a verb's answer belongs.
 wp.config.log_level = wp.LOG_WARNING
 
-RANDOMISED = ("geom_friction", "body_mass", "body_inertia", "body_ipos")
+RANDOMISED = ("geom_friction", "geom_solref", "body_mass", "body_inertia", "body_ipos")
 DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "actuator_acc0")
 """Model fields with one row per world: what is drawn, and what MuJoCo derives from it."""
 LARGEST = 1e10
@@ -65,10 +66,8 @@ class WarpPhysics:
         self._allocate()
         self._feet = self._columns(spec.feet)
         self._bodies = self._columns(self.monitored)
-        feet = {self.model.body(name).id for name in spec.feet}
-        self._foot_geoms = self._indices(
-            [g for g in range(self.model.ngeom) if self.model.geom_bodyid[g] in feet]
-        )
+        geoms, feet = foot_geoms(self.model, spec.feet)
+        self._foot_geoms, self._foot_of_geom = self._indices(geoms), self._indices(feet)
         self._base = int(self.model.jnt_bodyid[0])
         self._start = torch.tensor(self.model.qpos0, dtype=torch.float32, device=self.device)
         self._flags = torch.zeros(1, dtype=torch.int32, pin_memory=self.device.type == "cuda")
@@ -109,11 +108,16 @@ class WarpPhysics:
         self._refresh()
 
     def set_parameters(self, parameters: WorldParameters) -> None:
-        """Give every world its own friction, masses, inertias and centre of mass."""
+        """Give every world its own contacts of the feet, masses, inertias and centre of mass."""
         own = {name: wp.to_torch(getattr(self._model, name)) for name in RANDOMISED}
         scale = parameters.mass_scale.to(self.device)[:, None]
         inertia = scale * parameters.inertia_scale.to(self.device)[:, None]
-        own["geom_friction"][:, self._foot_geoms, 0] = parameters.friction.to(self.device)[:, None]
+        friction = (parameters.friction[:, None] * parameters.foot_friction).to(self.device)
+        feet, contact = self._foot_geoms, own["geom_solref"]
+        own["geom_friction"][:, feet, 0] = friction[:, self._foot_of_geom]
+        time = parameters.contact_time.to(self.device) * contact_time(PHYSICS_DT)
+        contact[:, feet, 0] = time[:, None]
+        contact[:, feet, 1] = parameters.contact_damping.to(self.device)[:, None]
         own["body_mass"].copy_(self._tensor(self.model.body_mass) * scale)
         own["body_inertia"].copy_(self._tensor(self.model.body_inertia) * inertia[..., None])
         centre = self._tensor(self.model.body_ipos[self._base])

@@ -48,7 +48,7 @@ def check_parity(spec: RobotSpec, device: str, worlds: int = 256) -> dict[str, f
     request = PhysicsRequest(spec, worlds)
     engines: tuple[Physics, Physics] = (WarpPhysics(request, device), BatchPhysics(request))
     draw = torch.Generator().manual_seed(0)
-    parameters = _parameters(worlds, draw)
+    parameters = _parameters(worlds, len(spec.feet), draw)
     for engine in engines:
         engine.set_parameters(parameters)
     rounds = [_one_step(spec, engines, worlds, draw) for _ in range(ROUNDS)]
@@ -117,12 +117,15 @@ def _lowest_feet(spec: RobotSpec, model: mujoco.MjModel, qpos: torch.Tensor) -> 
         yield min(data.body(name).xpos[2] for name in spec.feet) - spec.foot_radius()
 
 
-def _parameters(worlds: int, draw: torch.Generator) -> WorldParameters:
+def _parameters(worlds: int, feet: int, draw: torch.Generator) -> WorldParameters:
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
         return low + (high - low) * torch.rand(*shape, generator=draw)
 
     return WorldParameters(
         friction=uniform(0.4, 1.4, worlds),
+        foot_friction=uniform(0.9, 1.1, worlds, feet),
+        contact_time=uniform(1.0, 1.5, worlds),
+        contact_damping=uniform(0.7, 1.2, worlds),
         mass_scale=uniform(0.8, 1.2, worlds),
         inertia_scale=uniform(0.8, 1.2, worlds),
         base_com_offset=uniform(-0.02, 0.02, worlds, 3),

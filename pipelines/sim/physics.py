@@ -16,8 +16,9 @@ from lacoloco.robots.spec import RobotSpec
 
 CONTROL_DT = 0.02
 """Seconds between two actions (50 Hz, paper section IV)."""
-PHYSICS_DT = 0.005
-SUBSTEPS = round(CONTROL_DT / PHYSICS_DT)
+SUBSTEPS = 6
+PHYSICS_DT = CONTROL_DT / SUBSTEPS
+"""Seconds between two physics steps: what the stiffness of a foot's rubber needs."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,18 @@ class WorldParameters:
 
     Attributes:
         friction: (N,) sliding friction of the feet on the ground.
+        foot_friction: (N, F) further factor on it, foot by foot.
+        contact_time: (N,) factor on the time constant of the feet's contacts, at least 1.
+        contact_damping: (N,) damping ratio of the feet's contacts.
         mass_scale: (N,) factor on every body mass.
         inertia_scale: (N,) further factor on every body inertia.
         base_com_offset: (N, 3) shift of the base's centre of mass, metres, base frame.
     """
 
     friction: torch.Tensor
+    foot_friction: torch.Tensor
+    contact_time: torch.Tensor
+    contact_damping: torch.Tensor
     mass_scale: torch.Tensor
     inertia_scale: torch.Tensor
     base_com_offset: torch.Tensor
@@ -93,7 +100,7 @@ class Physics(Protocol):
         """
 
     def set_parameters(self, parameters: WorldParameters) -> None:
-        """Give every world its own friction, masses, inertias and centre of mass."""
+        """Give every world its own contacts of the feet, masses, inertias and centre of mass."""
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Everything needed to go on exactly from here, world parameters excepted."""

@@ -50,7 +50,7 @@ def test_lying_forward_is_felt_by_the_torso_of_h1(h1):
     qpos = h1.default_qpos()
     qpos[3:7] = [0.5**0.5, 0, 0.5**0.5, 0]  # face down
     qpos[2] = 0.15
-    data = settle(compile_scene(h1), qpos, h1.default_joint_pos, 200)
+    data = settle(compile_scene(h1), qpos, h1.default_joint_pos, 300)
     assert np.linalg.norm(force(data, "torso_link")) > 1.0
 
 

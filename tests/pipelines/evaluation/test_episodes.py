@@ -120,10 +120,10 @@ def test_episodes_are_those_of_their_seed_however_many_worlds(solo12, policies, 
 
 
 def test_every_substep_of_every_foot_is_counted(solo12, policies, short):
-    """Bug B15: 0.4 s are 80 substeps, all of them looked at."""
+    """Bug B15: 0.4 s are 120 substeps, all of them looked at."""
     played = play_episodes(solo12, policies, 4, worlds=4, seed=0)
     assert not played.fell.any()
-    assert played.substeps.tolist() == [80.0] * 4
+    assert played.substeps.tolist() == [120.0] * 4
 
 
 def test_evaluation_is_without_noise_and_with_the_motors_as_they_are(

@@ -72,7 +72,7 @@ def test_inferred_actions_take_every_moment_to_the_next(solo12):
     wanted = torch.from_numpy(clip.joint_pos[2:])
     error = (next_joint_pos(solo12, clip, chosen) - wanted).abs().mean()
     idle = (next_joint_pos(solo12, clip, torch.zeros_like(chosen)) - wanted).abs().mean()
-    assert error < 0.05 * idle
+    assert error < 0.07 * idle
     assert error < 0.0005
     # Not the true ones: four feet on the ground may press against each other, and no motion tells.
 

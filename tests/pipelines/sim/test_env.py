@@ -286,12 +286,15 @@ def test_every_world_may_have_its_own_length_noise_and_share_of_clips(make_env, 
 
 @pytest.mark.parametrize("factor", [1.0, 1.5])
 def test_a_widened_randomisation_spreads_further_around_the_same_middle(factor):
-    wide = widened(Randomisation((0.4, 1.5), (0.8, 1.2), (0.9, 1.1), 0.02, 0.1), factor)
+    usual = Randomisation(inertia_scale=(0.9, 1.1), base_com=0.02, push=0.1)
+    wide = widened(usual, factor)
     assert wide.mass_scale == pytest.approx((1.0 - 0.2 * factor, 1.0 + 0.2 * factor))
     assert wide.inertia_scale == pytest.approx((1.0 - 0.1 * factor, 1.0 + 0.1 * factor))
     assert (wide.base_com, wide.push) == pytest.approx((0.02 * factor, 0.1 * factor))
     assert math.prod(wide.friction) == pytest.approx(0.4 * 1.5)
     assert wide.friction[1] / wide.friction[0] == pytest.approx((1.5 / 0.4) ** factor)
+    assert wide.contact_time == pytest.approx((1.0, 1.5**factor))
+    assert math.prod(wide.foot_friction) == pytest.approx(0.99)
     assert widened(NO_RANDOMISATION, factor) == NO_RANDOMISATION
 
 
@@ -346,10 +349,14 @@ def test_seeds_decide_everything_that_is_random(make_env):
 
 
 def test_parameters_are_drawn_from_their_ranges(make_env):
-    config = Randomisation((0.4, 1.5), (0.8, 1.2), (0.9, 1.1), base_com=0.02)
-    drawn = draw_parameters(config, 2000, torch.Generator().manual_seed(0))
+    config = Randomisation(inertia_scale=(0.9, 1.1), base_com=0.02)
+    drawn = draw_parameters(config, 2000, 4, torch.Generator().manual_seed(0))
+    assert drawn.foot_friction.shape == (2000, 4)
     for values, (low, high) in (
         (drawn.friction, config.friction),
+        (drawn.foot_friction, config.foot_friction),
+        (drawn.contact_time, config.contact_time),
+        (drawn.contact_damping, config.contact_damping),
         (drawn.mass_scale, config.mass_scale),
         (drawn.inertia_scale, config.inertia_scale),
         (drawn.base_com_offset, (-0.02, 0.02)),
@@ -358,6 +365,6 @@ def test_parameters_are_drawn_from_their_ranges(make_env):
         assert high - 0.05 * (high - low) < float(values.max()) <= high + 1e-6
     # Independent of each other.
     assert abs(float(torch.corrcoef(torch.stack([drawn.friction, drawn.mass_scale]))[0, 1])) < 0.1
-    plain = draw_parameters(NO_RANDOMISATION, 3, torch.Generator())
+    plain = draw_parameters(NO_RANDOMISATION, 3, 4, torch.Generator())
     assert plain.friction.tolist() == plain.mass_scale.tolist() == [1.0] * 3
     assert not plain.base_com_offset.any()
