@@ -67,7 +67,7 @@ def bench_train(
 @verb(app, "contacts", shared=READING)
 def bench_contacts(session: Session, robot: Robot = "solo12") -> None:
     """How hard a fall hits the feet and how deep they sink, beside a rubber foot; what it costs."""
-    from lacoloco.pipelines.benchmarks import contacts as bench
+    from lacoloco.pipelines.sim import contact_bench as bench
 
     figures = bench.bench_contacts(robot)
 

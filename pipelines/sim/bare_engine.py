@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import mujoco
 import torch
 from mujoco.batch import Batch
 
@@ -29,11 +28,6 @@ def bare_engine(physics: Physics) -> BareEngine:
     itself.
     """
     return BareBatch(physics) if isinstance(physics, BatchPhysics) else PhysicsAlone(physics)
-
-
-def native_batch(model: mujoco.MjModel, worlds: int) -> Batch:
-    """So many worlds of any model on one thread, for those who time a model and not a robot."""
-    return Batch(model, worlds, nthread=1)
 
 
 class BareBatch:

@@ -21,8 +21,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 
-from lacoloco.pipelines.sim.bare_engine import native_batch
 from lacoloco.pipelines.sim.physics import CONTROL_DT, SUBSTEPS
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.scene import compile_scene
@@ -165,7 +165,7 @@ def _seconds(models: Sequence[mujoco.MjModel], substeps: Sequence[int]) -> np.nd
     each model on one thread, legs moved at random. The models take turns: what else runs on the
     machine slows all of them.
     """
-    batches = [native_batch(model, WORLDS) for model in models]
+    batches = [Batch(model, WORLDS, nthread=1) for model in models]
     for batch, model in zip(batches, models, strict=True):
         batch.bind("qpos")[:] = model.key_qpos[0]
     return np.array(
@@ -176,7 +176,7 @@ def _seconds(models: Sequence[mujoco.MjModel], substeps: Sequence[int]) -> np.nd
     )
 
 
-def _turn(batch: Any, model: mujoco.MjModel, substeps: int) -> float:
+def _turn(batch: Batch, model: mujoco.MjModel, substeps: int) -> float:
     draw = np.random.default_rng(0)
     begin = time.process_time()
     for _ in range(STEPS):
