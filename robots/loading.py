@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from lacoloco.robots import mjcf
 from lacoloco.robots.errors import RobotError
@@ -25,6 +25,7 @@ from lacoloco.robots.tables import (
     Place,
     Positive,
     Range,
+    Rule,
     nearest,
     parse_toml,
     read_table,
@@ -92,7 +93,9 @@ class ContactSection:
 
     feet: tuple[str, ...]
     fall_bodies: tuple[str, ...]
-    foot_force_limit: Positive
+    foot_force_limit: Annotated[
+        float, Rule("a multiple of the weight, above 0 and at most 20", lambda x: 0 < x <= 20)
+    ]
     self_collision: bool
     undesired_bodies: tuple[str, ...] = ()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lacoloco.robots.tables import NonNegative, Positive
+from lacoloco.robots.tables import Angle, Length, NonNegative, Positive
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class SkillThresholds:
     """
 
     walk_speed: Positive
-    reach_height: Positive
-    not_reached: Positive
-    no_progress: Positive
+    reach_height: Length
+    not_reached: Length
+    no_progress: Length
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class TrackingTolerances:
     """
 
     joint_error: Positive
-    height_error: Positive
+    height_error: Length
     tilt_error: Positive
     slow_speed: Positive
     moving_speed: Positive
@@ -79,8 +79,8 @@ class HindsightDistances:
         farthest: A latent that walks serves targets up to so far in its direction, m.
     """
 
-    stride: Positive
-    farthest: Positive
+    stride: Length
+    farthest: Length
 
 
 @dataclass(frozen=True)
@@ -107,4 +107,4 @@ class Terminations:
             over rolls onto its back for a second before what counts as a fall touches the ground.
     """
 
-    training_tilt: Positive
+    training_tilt: Angle

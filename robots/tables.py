@@ -18,6 +18,8 @@ from lacoloco.robots.errors import RobotError
 
 T = TypeVar("T")
 
+PI = 3.1416  # as it is written by hand
+
 
 @dataclass(frozen=True)
 class Rule:
@@ -29,6 +31,8 @@ class Rule:
 
 Positive = Annotated[float, Rule("a number above 0", lambda x: x > 0)]
 NonNegative = Annotated[float, Rule("a number of at least 0", lambda x: x >= 0)]
+Length = Annotated[float, Rule("a length in metres, above 0 and at most 10", lambda x: 0 < x <= 10)]
+Angle = Annotated[float, Rule("an angle in radians, above 0 and at most pi", lambda x: 0 < x <= PI)]
 Share = Annotated[float, Rule("a number between 0 and 1", lambda x: 0 <= x <= 1)]
 Range = Annotated[
     tuple[float, float], Rule("two numbers, the smaller one first", lambda pair: pair[0] <= pair[1])

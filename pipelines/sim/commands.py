@@ -12,7 +12,7 @@ import torch
 
 from lacoloco.datasets.rotations import rotate, rotate_inverse
 from lacoloco.pipelines.sim.state import RobotState, Term
-from lacoloco.robots.tables import Positive, Range, Share
+from lacoloco.robots.tables import Angle, Length, Range, Share
 
 
 class Command(Protocol):
@@ -73,7 +73,7 @@ class TargetCommand:
     z: Range
     x: Range = (0.0, 0.0)
     y: Range = (0.0, 0.0)
-    radius: Positive | None = None
+    radius: Length | None = None
     near: Share = 0.0
 
     def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
@@ -104,7 +104,7 @@ class HeadingCommand:
 
     term: ClassVar[Term] = Term("heading_command", 3, "1", "base")
 
-    most: Positive = torch.pi
+    most: Angle = torch.pi
 
     def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
         """(K, 3) unit vectors in the world; ``origin`` (K, 3) only gives the count."""

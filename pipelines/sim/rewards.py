@@ -147,7 +147,9 @@ REWARDS: dict[str, Registered] = {
 
 
 def parameters_of(name: str) -> dict[str, float | None]:
-    """Parameters of a reward term -> their default; None where a value must be given."""
+    """Parameters of a reward term, all above 0, -> their default; None where a value must be
+    given.
+    """
     arguments = list(inspect.signature(REWARDS[name].function).parameters.values())[1:]
     return {
         argument.name: None if argument.default is argument.empty else argument.default

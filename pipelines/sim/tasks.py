@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from lacoloco.pipelines.sim.commands import COMMANDS, Command, TargetCommand
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS, NEED_VELOCITY, Constraint
@@ -21,10 +21,14 @@ from lacoloco.robots.errors import RobotError
 from lacoloco.robots.loading import TOML
 from lacoloco.robots.spec import RobotSpec
 from lacoloco.robots.tables import (
+    PI,
+    Angle,
+    Length,
     NonNegative,
     Place,
     Positive,
     Range,
+    Rule,
     Share,
     nearest,
     parse_toml,
@@ -32,6 +36,8 @@ from lacoloco.robots.tables import (
     read_value,
     refuse_unknown,
 )
+
+HalfTurn = Annotated[float, Rule("an angle in radians from 0 to pi", lambda x: 0 <= x <= PI)]
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,7 @@ class ResetConfig:
 
     clip_share: Share = 0.0
     position: NonNegative = 0.0
-    heading: NonNegative = 3.14159
+    heading: HalfTurn = 3.14159
     lin_vel: NonNegative = 0.3
     ang_vel: NonNegative = 0.1
     joint_scale: Range = (0.9, 1.1)
@@ -125,8 +131,8 @@ class _TaskTable:
     clip_reward: bool = False
     constraints: tuple[_ConstraintRow, ...] = ()
     fall_on_undesired: bool = False
-    fall_tilt: Positive | None = None
-    fall_height: Positive | None = None
+    fall_tilt: Angle | None = None
+    fall_height: Length | None = None
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
 
@@ -160,9 +166,12 @@ def task_from_text(spec: RobotSpec, text: str, path: Path) -> Task:
     """The task in the text of a file that was called ``path``, and may be gone by now.
 
     Raises:
-        RobotError: Something in it is wrong; one line that says what.
+        RobotError: Something in it is wrong, or nothing is rewarded; one line that says what.
     """
-    return read_task(spec, path.stem, parse_toml(text, str(path)), Place(str(path)))
+    task = read_task(spec, path.stem, parse_toml(text, str(path)), Place(str(path)))
+    if not task.rewards:
+        (Place(str(path)) / "rewards").fail("missing; expected at least one reward term")
+    return task
 
 
 def read_task(spec: RobotSpec, name: str, values: object, place: Place) -> Task:
@@ -227,7 +236,7 @@ def _reward(values: Mapping[str, Any], place: Place, table: _TaskTable) -> Rewar
         if key not in values:
             (place / key).fail("missing; expected a number")
     weight, *rest = (
-        (key, read_value(float, values[key], place / key))
+        (key, read_value(float if key == "weight" else Positive, values[key], place / key))
         for key in ("weight", *parameters)
         if key in values
     )

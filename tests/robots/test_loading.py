@@ -61,6 +61,13 @@ MISTAKES = [
     ("scale = 1.5 #", "#", "actions.scale: missing; expected a number above 0"),
     ("scale = 1.5 #", "scale = 0 #", "actions.scale: expected a number above 0, found 0"),
     ("scale = 1.5 #", "scale = -1 #", "actions.scale: expected a number above 0, found -1"),
+    ("reach_height = 0.15", "reach_height = 150", "skills.reach_height: expected a length in met"),
+    ("training_tilt = 1.05", "training_tilt = 60", "terminations.training_tilt: expected an angl"),
+    (
+        "foot_force_limit = 1.0",
+        "foot_force_limit = 25.0",
+        "contacts.foot_force_limit: expected a",
+    ),
     ("scale = 1.5 #", "scale = nan #", "actions.scale: expected a finite number, found nan"),
     ("scale = 1.5 #", "scale = inf #", "actions.scale: expected a finite number, found inf"),
     ("scale = 1.5 #", "scale = true #", "actions.scale: expected a number, found true"),

@@ -85,7 +85,8 @@ def test_a_height_to_hold_is_seen_and_pays(solo12, write):
 
 def test_a_base_below_the_height_of_the_task_has_fallen(solo12, write):
     for height, fell in ((0.5, True), (0.05, False)):
-        task = load_task_file(solo12, write(f"fall_height = {height}"))
+        rewards = 'rewards = [{ name = "tilt", weight = -1.0 }]'
+        task = load_task_file(solo12, write(f"fall_height = {height}\n{rewards}"))
         assert bool(LeggedEnv(solo12, task, 2, seed=0).step(torch.zeros(2, 12)).fell.all()) is fell
 
 
@@ -99,7 +100,11 @@ def test_a_base_below_the_height_of_the_task_has_fallen(solo12, write):
         ("weight = -0.1", 'weight = "a"', "rewards[1].weight: expected a number, found 'a'"),
         ('"tilt"', '"reach", sharpness = 1.0', "rewards[1].name: 'reach' needs a command of type"),
         ('type = "heading"', 'type = "hedding"', "command.type: expected one of velocity, target"),
-        ("most = 2.0", "most = -2.0", "command.most: expected a number above 0, found -2.0"),
+        ("most = 2.0", "most = -2.0", "command.most: expected an angle in radians, above 0 and"),
+        ("most = 2.0", "most = 90.0", "command.most: expected an angle in radians, above 0 and"),
+        ("variance = 0.25", "variance = 0", "rewards[0].variance: expected a number above 0, fo"),
+        ("episode_s = 4.0", "fall_height = 220", "fall_height: expected a length in metres, abo"),
+        ("episode_s = 4.0", "reset = { heading = 180 }", "reset.heading: expected an angle in ra"),
         ('"foot_force"', '"foot_fors"', "constraints[0].name: 'foot_fors' is no constraint; did"),
         ('"foot_force"', '"torque"', "constraints[0].limit: missing; expected a number"),
         ('"foot_force"', '"air_time", limit = 1.0', "constraints[0].name: 'air_time' needs a com"),
@@ -118,6 +123,12 @@ def test_every_mistake_names_the_file_and_the_key(solo12, write, old, new, words
     with pytest.raises(RobotError, match=re.escape(f"{path}: {words}")) as caught:
         load_task_file(solo12, path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "rewards = []"])
+def test_a_task_that_rewards_nothing_is_refused(solo12, write, text):
+    with pytest.raises(RobotError, match="rewards: missing; expected at least one reward term"):
+        load_task_file(solo12, write(text))
 
 
 def test_a_task_that_the_robot_has_not_is_named(solo12, tmp_path):
