@@ -18,8 +18,7 @@ WINDOW, WARM_UP = 20, 40
 SATURATED_ACCURACY, SATURATED_REWARD = 0.95, 0.1
 """A blind discriminator is right half of the time and pays ln 2 = 0.69. At 95 to 99 % right the
 policy was paid 0.03 and learned nothing (README of learn/); 0.1 is what it gets where it is taken
-for a demonstration
-one time in ten.
+for a demonstration one time in ten.
 """
 IGNORED_COSINE = 0.1
 """The encoder's cosine is 0 for guesses, 0.3 after 0.7 M samples of a training that steers, 0.7 at
