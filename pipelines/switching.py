@@ -78,6 +78,8 @@ def run(
     """
     from lacoloco.pipelines.plots.switching import draw_switching
 
+    if told := config.conflict():
+        raise StageError(told)
     motions = list(motions) or motions_of(policy)
     nearest = NearestClip([clip for path in motions for clip in load_clips(path)])
     if LAST not in nearest.skills or len(nearest.skills) < 2:
