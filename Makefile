@@ -7,7 +7,10 @@ ROOMS  := pipelines robots datasets
 TESTS  ?= -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-fast format format-check lint types build clean
+.PHONY: help demo check test test-fast fuzz format format-check lint types build clean
+# make fuzz INPUTS=100000 SEED=1: mutated inputs in all, and which ones
+INPUTS ?= 10000
+SEED   ?= 0
 
 help:
 	@echo "make demo       the whole chain on two cores, ends with a table of what came out"
@@ -15,6 +18,7 @@ help:
 	@echo "make test       all tests              make test-fast  without the slow ones"
 	@echo "make format     ruff format            make lint       ruff check"
 	@echo "make types      mypy                   make build      wheel and sdist"
+	@echo "make fuzz       mutated inputs for every reader, INPUTS=10000"
 	@echo "make clean      remove what was built  TESTS='-k ase'  other options of pytest"
 
 demo: $(VENV)/.installed
@@ -27,6 +31,9 @@ test: $(VENV)/.dev
 
 test-fast: $(VENV)/.dev
 	@$(BIN)/python -m pytest $(TESTS) -m "not slow"
+
+fuzz: $(VENV)/.dev
+	$(BIN)/python tests/test_fuzz.py $(INPUTS) $(SEED)
 
 format: $(VENV)/.dev
 	$(BIN)/ruff format .

@@ -76,8 +76,10 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, ValueError) as error:  # also a number of too many digits
         raise RobotError(f"{file}: not a TOML file: {str(error).splitlines()[0]}") from error
+    except RecursionError as error:
+        raise RobotError(f"{file}: its tables or lists lie too deep in each other") from error
 
 
 def read_table(kind: type[T], values: object, place: Place) -> T:

@@ -4,13 +4,14 @@ each.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lacoloco.pipelines.errors import StageError
+from lacoloco.robots.errors import RobotError
+from lacoloco.robots.tables import parse_toml
 
 FOLDER = Path(__file__).parent / "selections"
 
@@ -55,8 +56,8 @@ def load_selection(name: str) -> Selection:
         known = ", ".join(shipped_selections())
         raise StageError(f"--select {name}: neither a file nor one of {known}")
     try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        table = parse_toml(file.read_text(encoding="utf-8"), str(file))
+    except (OSError, RobotError, UnicodeDecodeError) as error:
         raise StageError(f"--select {name}: cannot be read as TOML: {error}") from error
     clips = table.get("clips")
     if not isinstance(clips, dict) or not clips:

@@ -4,7 +4,6 @@ skeleton.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
@@ -15,6 +14,8 @@ from typing import Any, get_args
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.mocap import UpAxis
 from lacoloco.pipelines.errors import StageError
+from lacoloco.robots.errors import RobotError
+from lacoloco.robots.tables import parse_toml
 
 FOLDER = Path(__file__).parent / "maps"
 RULES = ("limbs", "height")
@@ -52,11 +53,13 @@ def load_map(path: Path) -> SkeletonMap:
     """
     path = Path(path)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = parse_toml(path.read_text(encoding="utf-8"), str(path))
     except OSError as error:
         raise StageError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
         raise StageError(f"{path}: not TOML: {error}") from error
+    except RobotError as error:
+        raise StageError(str(error)) from error
     return map_of(table, path.stem, str(path))
 
 
@@ -86,8 +89,10 @@ def map_of(table: Mapping[str, Any], name: str, where: str) -> SkeletonMap:
         raise StageError(f"{where}: [keypoints] maps joints of the file to frames of the robot")
     if len(set(keypoints.values())) < len(keypoints):
         raise StageError(f"{where}: [keypoints] names a frame of the robot twice")
-    feet = {foot: (nodes,) if isinstance(nodes, str) else nodes for foot, nodes in contacts.items()}
-    if not all(nodes and all(isinstance(node, str) for node in nodes) for nodes in feet.values()):
+    feet = {foot: [nodes] if isinstance(nodes, str) else nodes for foot, nodes in contacts.items()}
+    if not all(isinstance(nodes, list) and nodes for nodes in feet.values()) or not all(
+        isinstance(node, str) for nodes in feet.values() for node in nodes
+    ):
         raise StageError(f"{where}: [contacts] gives each foot of the robot nodes of the file")
     return SkeletonMap(
         name=name,

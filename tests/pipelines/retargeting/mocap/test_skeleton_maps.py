@@ -119,7 +119,7 @@ def test_files_that_are_no_map(tmp_path):
     with pytest.raises(StageError, match=r"gone\.toml: cannot be read"):
         load_map(tmp_path / "gone.toml")
     (tmp_path / "bad.toml").write_text("= 3")
-    with pytest.raises(StageError, match=r"bad\.toml: not TOML"):
+    with pytest.raises(StageError, match=r"bad\.toml: not a TOML file"):
         load_map(tmp_path / "bad.toml")
 
 
@@ -134,3 +134,25 @@ def test_a_frame_that_the_robot_has_not_is_named(change, words):
     skeleton = map_of({**TABLE, **change}, "arm", "arm.toml")
     with pytest.raises(StageError, match=words):
         mapped(load_robot("solo12"), skeleton)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            'robot = "r"\n[keypoints]\na = "b"\n[contacts]\nfoot = 0.5\n',
+            "[contacts] gives each foot",
+        ),
+        ('robot = "r"\n[keypoints]\na = "b"\n[contacts]\nfoot = {x = 1}\n', "[contacts] gives"),
+        ("a = " + "[" * 5000, "lie too deep"),
+        ("a = " + "{a=" * 5000, "lie too deep"),
+        ("a = " + "9" * 6000, "not a TOML file"),
+    ],
+)
+def test_a_map_of_another_form_is_refused_in_one_line(tmp_path, text, words):
+    path = tmp_path / "map.toml"
+    path.write_text(text)
+    with pytest.raises(StageError) as caught:
+        load_map(path)
+    assert words in str(caught.value) and str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
