@@ -66,3 +66,27 @@ def test_every_verb_answers_help(name):
     assert result.exit_code == 0, result.output
     assert f"lacoloco {name}" in result.stdout
     assert "--install-completion" not in result.stdout
+
+
+class Interrupting:
+    """A module that is interrupted while it is imported."""
+
+    def find_spec(self, name, path=None, target=None):
+        if name in ("lacoloco_cli.main", "lacoloco_cli.doctor"):
+            raise KeyboardInterrupt
+        return None
+
+
+@pytest.mark.parametrize(
+    ("module", "told"), [("lacoloco_cli.main", "interrupted\n"), ("lacoloco_cli.doctor", "")]
+)
+def test_ctrl_c_while_python_still_imports_prints_no_traceback(module, told, monkeypatch, capsys):
+    from lacoloco_cli import entry
+
+    monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
+    monkeypatch.setattr(sys, "argv", ["lacoloco", "doctor"])
+    with pytest.raises(SystemExit) as caught:
+        entry.run()
+    assert caught.value.code == 130
+    assert capsys.readouterr().err == told
