@@ -6,6 +6,7 @@ import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 
 
@@ -24,32 +25,24 @@ def turn(file: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def take(file: Path) -> int | None:
-    """Lock a file until `release` or the end of this process; None while another one has it.
+def take(file: Path) -> FileIO | None:
+    """Lock a file until the result is closed or collected; None while another process has it.
 
-    Within one process it can be taken again; closing any of the descriptors then ends the lock.
-
-    Returns:
-        The descriptor for `release`.
+    Within one process it can be taken again; closing any of the results then ends the lock.
 
     Raises:
         OSError: the file cannot be opened, or is a link.
     """
-    descriptor = _open(file)
+    stream = FileIO(_open(file), "r+")
     try:
-        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.lockf(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError):  # POSIX allows both answers
-        os.close(descriptor)
+        stream.close()
         return None
     except BaseException:
-        os.close(descriptor)
+        stream.close()
         raise
-    return descriptor
-
-
-def release(descriptor: int) -> None:
-    """End a lock of `take`."""
-    os.close(descriptor)
+    return stream
 
 
 def _open(file: Path) -> int:

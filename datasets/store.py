@@ -13,11 +13,14 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 
 from lacoloco.datasets import locks
 from lacoloco.datasets.atomic_write import remove_leftovers, sync_directory, write_file
 from lacoloco.datasets.errors import ArtifactError, storage_errors
+from lacoloco.datasets.work import FILE as WORK
+from lacoloco.datasets.work import Work, in_one_line
 
 ARTIFACT = "artifact.h5"
 
@@ -41,7 +44,7 @@ class StageDir:
     """The directory it becomes."""
     label: str
     """What tells versions of one stage apart while they are worked on, e.g. method and seed."""
-    _lock: int | None = None
+    _lock: FileIO | None = None
 
     def file(self, name: str) -> Path:
         """Path of a file in the partial directory."""
@@ -67,7 +70,8 @@ class StageDir:
             with _turn(self.final.parents[2]):  # nobody looks at the partial directory meanwhile
                 self.path.rename(self.final)
                 self.path = self.final
-                self.file(_LOCK).unlink(missing_ok=True)
+                for name in (_LOCK, WORK):
+                    self.file(name).unlink(missing_ok=True)
             sync_directory(self.final.parent)
         self._release()
         return self.file(ARTIFACT)
@@ -88,6 +92,13 @@ class StageDir:
             shutil.rmtree(removed)
         self._release()
 
+    def held(self) -> bool:
+        """Whether another process works in the directory."""
+        lock = locks.take(self.file(_LOCK))
+        if lock is not None:
+            lock.close()
+        return lock is None
+
     def _claim(self) -> bool:
         """Take the directory for this process; False while another process works in it."""
         self._lock = locks.take(self.file(_LOCK))
@@ -98,7 +109,7 @@ class StageDir:
 
     def _release(self) -> None:
         if self._lock is not None:
-            locks.release(self._lock)
+            self._lock.close()
             self._lock = None
 
 
@@ -192,53 +203,115 @@ class RunStore:
                 found.append(StageDir(path, path.with_name(match[1]), match[2] or ""))
         return sorted(found, key=lambda stage_dir: int(stage_dir.final.name))
 
-    def begin(self, run: str, stage: str, *, resume: bool = False, label: str = "") -> StageDir:
+    def begin(
+        self,
+        run: str,
+        stage: str,
+        *,
+        work: Work | None = None,
+        label: str = "",
+        resume: bool = False,
+        version: str = "",
+        or_begin: bool = False,
+    ) -> StageDir:
         """Open a working directory for a stage.
 
         Args:
             run: name of the run, made when it is new.
             stage: name of the stage, that is, of its verb.
-            resume: continue the newest unfinished version instead of beginning one.
+            work: what the version is made from; kept with it, and compared by `resume`.
             label: marks the version while it is unfinished; with `resume`, the one to continue
                 ("" takes any).
+            resume: continue the newest unfinished version with this work instead of beginning one.
+            version: with `resume`, the only version to continue, e.g. "0003".
+            or_begin: with `resume`, begin one where none has this work.
 
         Raises:
-            ArtifactError: nothing to resume, another process is at work on it, or the file
-                system refuses.
+            ArtifactError: nothing to resume, or only other work (the message tells the difference),
+                another process is at work on it, or the file system refuses.
         """
         if label and not _NAME.fullmatch(label):
             raise ArtifactError(f"label '{label}': use letters, digits, '-', '_', '+', '.'")
-        return self._resume(run, stage, label) if resume else self._begin(run, stage, label)
-
-    def _begin(self, run: str, stage: str, label: str) -> StageDir:
-        directory = self.directory(run, stage)
-        with storage_errors(directory, "create the run directory"):
-            directory.mkdir(parents=True, exist_ok=True)
-            # Two processes with different labels would take the same number without seeing it.
+        if resume and not or_begin and not self.partials(run, stage):
+            raise self._nothing(run, stage, label, version)  # and no folder is made
+        with storage_errors(self.directory(run, stage), "create the run directory"):
+            self.directory(run, stage).mkdir(parents=True, exist_ok=True)
             with _turn(self.root):
-                taken = [0, *(int(s.final.name) for s in self.partials(run, stage))]
-                taken += [int(p.name) for p in _list(directory) if _COMPLETE.fullmatch(p.name)]
-                final = directory / f"{max(taken) + 1:04d}"
-                path = directory / f".{final.name}{f'-{label}' if label else ''}.partial"
-                path.mkdir()
-                stage_dir = StageDir(path, final, label)
-                stage_dir._claim()
+                if resume:
+                    found = self._resumed(run, stage, label, work, version, or_begin)
+                    if found is not None:
+                        return found
+                return self._begun(run, stage, label, work)
+
+    def _begun(self, run: str, stage: str, label: str, work: Work | None) -> StageDir:
+        directory = self.directory(run, stage)
+        taken = [0, *(int(s.final.name) for s in self.partials(run, stage))]
+        taken += [int(p.name) for p in _list(directory) if _COMPLETE.fullmatch(p.name)]
+        final = directory / f"{max(taken) + 1:04d}"
+        stage_dir = StageDir(
+            directory / f".{final.name}{f'-{label}' if label else ''}.partial", final, label
+        )
+        stage_dir.path.mkdir()
+        stage_dir._claim()
+        if work is not None:
+            work.write(stage_dir.path)
         return stage_dir
 
-    def _resume(self, run: str, stage: str, label: str) -> StageDir:
-        if not self.partials(run, stage, label):
-            what = f"'{label}' of {stage}" if label else stage
-            raise ArtifactError(
-                f"run '{run}': no unfinished {what} to resume in {self.root}; leave out --resume"
-            )
-        with storage_errors(self.directory(run, stage), "resume"), _turn(self.root):
-            found = self.partials(run, stage, label)
-            for stage_dir in reversed(found):
-                if stage_dir._claim():
-                    return stage_dir
+    def _resumed(
+        self, run: str, stage: str, label: str, work: Work | None, version: str, or_begin: bool
+    ) -> StageDir | None:
+        everything = self.partials(run, stage)
+        found = [
+            one
+            for one in everything
+            if (one.final.name == version if version else label in ("", one.label))
+        ]
+        if not found and or_begin:
+            return None
         if not found:
-            raise ArtifactError(f"run '{run}': {stage} was completed just now by another process")
-        raise ArtifactError(f"{found[-1].path}: another process is working on it; stop it or wait")
+            raise self._nothing(run, stage, label, version)
+        other = {one.final.name: _other_work(one, work) for one in found}
+        same = [one for one in found if not other[one.final.name]]
+        for stage_dir in reversed(same):
+            if stage_dir._claim():
+                return stage_dir
+        unknown = [one for one in found if work is not None and Work.read(one.path) is None]
+        busy = same or [one for one in (unknown if or_begin else found[-1:]) if one.held()]
+        if busy:
+            raise ArtifactError(
+                f"{busy[-1].path}: another process is working on it; stop it or wait"
+            )
+        if or_begin:
+            return None
+        newest = found[-1]
+        raise ArtifactError(
+            f"{newest.path}: not the work asked for: {in_one_line(other[newest.final.name])}; leave"
+            " out what differs to go on with it, or leave out --resume to begin another version"
+        )
+
+    def _nothing(self, run: str, stage: str, label: str, version: str) -> ArtifactError:
+        what = f"version {version}" if version else f"'{label}'" if label else "version"
+        unfinished = self.partials(run, stage)
+        there = ", ".join(f"{one.final.name} {one.label}".strip() for one in unfinished)
+        return ArtifactError(
+            f"run '{run}': no unfinished {what} of {stage} to resume in {self.root}"
+            f"{f' (unfinished: {there})' if there else ''}; leave out --resume"
+        )
+
+
+def _other_work(stage_dir: StageDir, work: Work | None) -> list[str]:
+    """How the work of an unfinished version differs from what is asked for."""
+    if work is None:
+        return []
+    begun = Work.read(stage_dir.path)
+    if begun is None:
+        return ["it does not say what it was begun with"]
+    return begun.differences(work)
+
+
+def is_root(directory: Path) -> bool:
+    """Whether a directory holds runs."""
+    return (directory / _NUMBERING).is_file()
 
 
 @contextmanager

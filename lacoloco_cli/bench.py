@@ -14,6 +14,7 @@ from lacoloco_cli import console
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import IN_A_RUN, READING, STAGE, Robot
 from lacoloco_cli.session import Session, check_device, path_text, verb
+from lacoloco_cli.written_files import among_runs
 
 if TYPE_CHECKING:
     from lacoloco.pipelines.benchmarks.throughput import BenchConfig
@@ -146,10 +147,29 @@ def bench_gpu(
     session.run = session.run or "bench-gpu"
     session.device = device or _best_device()
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        check_folder("--out", out, session.store.root)
     answer = measure(GpuBenchConfig(worlds, seconds, minutes, preset), session.context(), out)
     figures = session.store.directory(session.run_name) / "figures.json"
     session.answer({"figures": path_text(figures), **answer}, lambda: _show_gpu(answer, figures))
+
+
+def check_folder(option: str, folder: Path, runs: Path) -> None:
+    """Make a folder for copies, or take one that holds nothing but earlier ones.
+
+    Raises:
+        UserError: It lies among the runs, holds something else, or cannot be made.
+    """
+    from lacoloco.pipelines.benchmarks.gpu import FIGURES
+
+    if among_runs(folder.resolve(), runs):
+        raise UserError(f"{option} {folder}: runs hold what stages write; name another folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        taken = any(folder.iterdir()) and not (folder / FIGURES).is_file()
+    except OSError as error:
+        raise UserError(f"{option} {folder}: {error.strerror}; name another folder") from error
+    if taken:
+        raise UserError(f"{option} {folder}: holds other files; name a new folder")
 
 
 def _best_device() -> str:

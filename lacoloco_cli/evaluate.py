@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from lacoloco_cli import console
-from lacoloco_cli.options import Seeds
+from lacoloco_cli.options import AT_ONCE, Seeds
 from lacoloco_cli.policy_choice import missing, train_missing, trained
 from lacoloco_cli.session import Session, path_text, verb
 
@@ -44,7 +44,7 @@ REWARD_COLUMNS = {
 """The same for policies of a task without a target."""
 
 
-@verb(app)
+@verb(app, shared=AT_ONCE)
 def evaluate(
     session: Session,
     policy: Annotated[

@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
+from lacoloco_cli.options import AT_ONCE
 from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
 
 app = typer.Typer()
 
 
-@verb(app)
+@verb(app, shared=AT_ONCE)
 def export(
     session: Session,
     policy: Annotated[

@@ -39,7 +39,16 @@ Device = Annotated[
     str,
     _option("--device", metavar="cpu|cuda", help="Where physics and learning run."),
 ]
-Resume = Annotated[bool, _option("--resume", help="Continue the unfinished version.")]
+Resume = Annotated[
+    bool,
+    _option(
+        "--resume",
+        help="Go on with the newest unfinished version, or with --resume VERSION, as it was begun:"
+        " the same settings, seed, robot and inputs. What differs is refused.",
+    ),
+]
+ResumeVersion = Annotated[str, typer.Option("--version-to-resume", hidden=True)]
+NoResume = Annotated[bool, typer.Option("--resume", hidden=True)]
 AsJson = Annotated[bool, _option("--json", help="Print exactly one JSON object on stdout.")]
 Quiet = Annotated[bool, _option("--quiet", "-q", help="Show no progress.")]
 Debug = Annotated[bool, _option("--debug", help="Show the traceback of an error.")]
@@ -89,8 +98,15 @@ STAGE = (
     _parameter("seed", Seed, 0),
     _parameter("device", Device, "cpu"),
     _parameter("resume", Resume, False),
+    _parameter("version", ResumeVersion, ""),
     *READING,
 )
 """Shared options of a command that runs a stage."""
+
+AT_ONCE = tuple(
+    parameter.replace(annotation=NoResume) if parameter.name == "resume" else parameter
+    for parameter in STAGE
+)
+"""The same for a stage that keeps nothing to go on with; `--resume` is refused with the reason."""
 
 Body = Callable[..., None]

@@ -14,9 +14,10 @@ import typer
 
 from lacoloco_cli.console import note
 from lacoloco_cli.failures import UserError
+from lacoloco_cli.options import AT_ONCE
 from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.written_files import check_writable, copy_to
+from lacoloco_cli.written_files import PAGE, check_output, copy_to
 
 app = typer.Typer()
 
@@ -24,7 +25,7 @@ PLAYABLE = ("train-high", "train-low", "track", "retarget", "generate")
 """Stages whose newest artifact is played when none is named; the first that has one."""
 
 
-@verb(app)
+@verb(app, shared=AT_ONCE)
 def play(
     session: Session,
     source: Annotated[
@@ -107,12 +108,11 @@ def write_page(
 
     config = replace(session.config(stage.PRESETS), latents=latents_of(latents))
     source = resolve(source) if source else newest(session)
-    if html is not None:
-        check_writable("--html", html)
+    place = check_output("--html", html, PAGE, session.store.root) if html is not None else None
     result = stage.run(config, session.context(), source=source, names=names)
     page = Path(result.metrics["html"])
-    if html is not None:
-        copy_to("--html", page, html)
+    if place is not None:
+        copy_to("--html", page, place)
     payload = {"artifact": path_text(result.artifact), **result.metrics}
     payload["html"] = str(html or page)
     session.answer(payload, lambda: typer.echo(payload["html"]))
@@ -126,7 +126,7 @@ def draw_gif(
     """Draw the first of what a page would show; what needs checking is checked first."""
     from lacoloco.pipelines.viewing.opengl import check_gl
 
-    check_gif(session, gif)
+    place = check_output("--gif", gif, "gif", session.store.root)
     check_gl()  # before anything imports MuJoCo
     from lacoloco.datasets.artifact import read_artifact
     from lacoloco.datasets.atomic_write import write_file
@@ -140,30 +140,10 @@ def draw_gif(
     artifact = read_artifact(resolve(source) if source else newest(session))
     shown = stage.record(artifact, config, session.seed, names)[0].until(config.seconds)
     content = render_gif(robot_of(artifact), shown)
-    write_file(gif.resolve(), content, replace=True)
+    write_file(place, content, replace=True)
     answer = {"gif": str(gif), "bytes": len(content), "robot": artifact.robot}
     answer |= {"recording": shown.name, "seconds": round(shown.duration, 2)}
     session.answer(answer, lambda: typer.echo(answer["gif"]))
-
-
-def check_gif(session: Session, gif: Path) -> None:
-    """Refuse to write over what is no GIF, or among the runs.
-
-    Raises:
-        UserError: It would; another name is asked for.
-    """
-    from lacoloco.pipelines.viewing.gif import is_gif
-
-    place = gif.resolve()
-    check_writable("--gif", place)
-    if place.is_relative_to(session.store.root.resolve()):
-        raise UserError(f"--gif {gif}: runs hold what stages write; name a file outside of them")
-    try:
-        replaceable = not place.exists() or (place.is_file() and is_gif(place))
-    except OSError as error:
-        raise UserError(f"--gif {gif}: {error.strerror}; name another file") from error
-    if not replaceable:
-        raise UserError(f"--gif {gif}: exists and is not a GIF; name another file")
 
 
 def draw_figure(
@@ -174,12 +154,12 @@ def draw_figure(
     from lacoloco.pipelines import switching as stage
 
     config = session.config(stage.PRESETS)
-    check_writable("--figure", figure)
+    place = check_output("--figure", figure, "png", session.store.root)
     policy = resolve(policy) if policy else best(session)
     result = stage.run(
         config, session.context(), policy=policy, motions=[resolve(one) for one in motions]
     )
-    copy_to("--figure", Path(result.metrics["picture"]), figure)
+    copy_to("--figure", Path(result.metrics["picture"]), place)
     answer = {"artifact": path_text(result.artifact), **result.metrics, "picture": str(figure)}
 
     def show() -> None:

@@ -9,7 +9,7 @@ import typer
 
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.written_files import check_writable
+from lacoloco_cli.written_files import check_output
 
 app = typer.Typer()
 
@@ -33,9 +33,10 @@ def plot_run(
     from lacoloco.pipelines.plots.curves import plot_run
 
     run = run or session.run_name
-    out = out or session.store.directory(run) / PICTURE
-    if out.parent.is_dir():  # a run that is not there is named below
-        check_writable("--out", out)
-    drawn = plot_run(session.store, run, out)
+    usual = session.store.directory(run) / PICTURE
+    place = out = out or usual
+    if out.absolute() != usual.absolute():  # the one picture that belongs among the runs
+        place = check_output("--out", out, out.suffix.removeprefix("."), session.store.root)
+    drawn = plot_run(session.store, run, place)
     payload = {"picture": path_text(out), "run": run, "trainings": drawn}
     session.answer(payload, lambda: typer.echo(payload["picture"]))

@@ -11,6 +11,7 @@ import typer
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
+from lacoloco_cli.written_files import TEXT, check_output
 
 if TYPE_CHECKING:
     from lacoloco.datasets.store import RunStore
@@ -46,13 +47,14 @@ def report(
     from lacoloco.datasets.artifact import read_artifact
     from lacoloco_cli import report_table
 
+    place = check_output("--out", out, TEXT, session.store.root) if out is not None else None
     chosen = evaluations(session.store, targets or [session.run_name], name)
     reports = {one: report_table.section(one, read_artifact(path)) for one, path in chosen.items()}
-    if out is not None:
-        text = read_text(out)
+    if place is not None:
+        text = read_text(place)
         for one, markdown in reports.items():
             text = report_table.merge(text, one, markdown)
-        write_text(out, text)
+        write_text(place, text)
     payload: dict[str, Any] = {
         "out": path_text(out) if out else None,
         "reports": [

@@ -79,7 +79,7 @@ FromScratch = Annotated[
 ]
 
 
-@verb(app, shared=SHARED, names_run="name")
+@verb(app, shared=SHARED, names_run="name", several_stages=True)
 def run(
     session: Session,
     name: Annotated[
@@ -108,8 +108,15 @@ def run(
 
     With --methods or --executor: motions, then both levels of every method and seed, each in a job
     of its own, then the evaluation of all. Given again, it does what is missing.
+
+    With --resume, and always with --methods, a stage is kept that is complete with the same
+    settings, seed, robot and inputs. Where they differ, it runs again as a new version, and one
+    line says what differs. --status shows the newest of each method and seed, whatever its
+    settings.
     """
     from lacoloco.pipelines.chains import chain, experiments
+    from lacoloco.pipelines.retargeting.mocap.sources import find_recordings
+    from lacoloco.robots.registry import load_robot
 
     name = known_name(name, experiments.EXPERIMENTS)
     method = f"{disc}-cat" if cat else disc
@@ -117,6 +124,8 @@ def run(
         raise UserError(f"--disc {disc}: use gan or drail")
     preset = session.preset or "laptop"
     settings = stage_settings(session.overrides, experiments.EXPERIMENTS[name], preset)
+    load_robot(robot or experiments.EXPERIMENTS[name].robot)
+    find_recordings(mocap or [])
     if methods or executor or status:
         many = Sweep(
             experiment=name,
@@ -131,9 +140,11 @@ def run(
         )
         run_sweep(session, many, status=status)
         return
+    context = session.context()
+    session.remember()
     outcomes = chain.run(
         name,
-        session.context(),
+        context,
         preset=preset,
         method=method,
         seeds=seeds,

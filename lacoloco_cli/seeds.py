@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -89,10 +88,12 @@ def contexts(session: Session, count: int) -> Iterator[StageContext]:
     if not session.resume:
         yield from (replace(context, seed=seed) for seed in seeds)
         return
-    unfinished = _unfinished_seed(session)
+    unfinished = session.begun.seed if session.begun is not None else None
     first = unfinished if unfinished is not None and unfinished in seeds else session.seed
     yield replace(context, seed=first)
-    yield from (replace(context, seed=seed, resume=False) for seed in seeds if seed > first)
+    yield from (
+        replace(context, seed=seed, resume=False, version="") for seed in seeds if seed > first
+    )
 
 
 def show(trained: Sequence[dict[str, Any]], shown: Sequence[str]) -> None:
@@ -104,10 +105,3 @@ def show(trained: Sequence[dict[str, Any]], shown: Sequence[str]) -> None:
         typer.echo(f"artifact: {one['artifact']}")
         for warning in one.get("warnings", ()):
             console.note(f"WARNING, seed {one['seed']}: {warning}")
-
-
-def _unfinished_seed(session: Session) -> int | None:
-    """Seed of the newest unfinished version, which its label ends with."""
-    partials = session.store.partials(session.run_name, session.verb)
-    found = re.search(r"seed(\d+)$", partials[-1].label) if partials else None
-    return int(found[1]) if found else None

@@ -24,10 +24,20 @@ from lacoloco_cli import console, options
 from lacoloco_cli.failures import INTERRUPTED, UserError, explain
 from lacoloco_cli.json_output import stdout_kept_clean, to_json
 from lacoloco_cli.overrides import apply_overrides
-from lacoloco_cli.resume import fill_in, recall, remember
+from lacoloco_cli.resume import (
+    Resumable,
+    arguments_of,
+    fill_in,
+    recall,
+    remember,
+    typed,
+    unfinished_version,
+    without_resume,
+)
 
 if TYPE_CHECKING:
     from lacoloco.datasets.store import RunStore
+    from lacoloco.datasets.work import Work
     from lacoloco.pipelines.stage import Progress, StageContext
 
 Config = TypeVar("Config")
@@ -47,11 +57,15 @@ class Session:
     seed: int = 0
     device: str = "cpu"
     resume: bool = False
+    version: str = ""
+    """Of `--resume VERSION`; then the version that is continued."""
     as_json: bool = False
     quiet: bool = False
     debug: bool = False
     resumable: bool = False
     """Whether the verb has `--resume`."""
+    begun: Work | None = field(default=None, init=False)
+    """With `--resume`, what the version was begun with."""
     _answer: dict[str, Any] | None = field(default=None, init=False)
 
     @property
@@ -116,7 +130,7 @@ class Session:
         )
 
     def context(self, seed: int | None = None, *, resume: bool | None = None) -> StageContext:
-        """Make the context a stage runs in, and remember the run as the one used last.
+        """Make the context that a stage runs in; the run becomes the one used last.
 
         Args:
             seed: Another seed than that of `--seed`.
@@ -127,14 +141,13 @@ class Session:
         check_device(self.device)
         if self.speaks:
             self.store.use(self.run_name)
-        if self.speaks and not self.resume:
-            remember(self.store, self.run_name, self.verb, self.arguments[1:])
         return StageContext(
             store=self.store,
             run=self.run_name,
             seed=self.seed if seed is None else seed,
             device=self.device,
             resume=self.resume if resume is None else resume,
+            version=self.version,
             command=self.command,
             progress=self.progress,
         )
@@ -157,19 +170,49 @@ class Session:
             for key, value in payload.items():
                 typer.echo(f"{key}: {console.cell_text(value)}")
 
-    def resume_command(self) -> str:
-        """The command that continues this call after an interruption."""
-        return shlex.join(["lacoloco", self.verb, "--run", self.run_name, "--resume"])
+    def how_to_continue(self) -> str:
+        """What to do after an interruption."""
+        if not self.resumable:
+            return "nothing is kept of it; give the same command again"
+        store, run = self.store, self.run_name
+        if not recall(store, run, self.verb) and not store.partials(run, self.verb):
+            return "nothing was begun; give the same command again"
+        command = ["lacoloco", self.verb, "--run", run, "--resume"]
+        return f"continue with: {shlex.join(command)}"
 
-    def recall(self, context: typer.Context) -> dict[str, Any]:
+    def remember(self) -> None:
+        """Keep the arguments of a verb that runs several stages, once they are known to be valid.
+
+        A stage's own verb keeps them in its unfinished version.
+        """
+        if not (self.resume and recall(self.store, self.run_name, self.verb)):
+            arguments = without_resume(self.arguments[1:])
+            remember(self.store, self.run_name, self.verb, arguments)
+
+    def recall(self, context: typer.Context, *, several_stages: bool) -> dict[str, Any]:
         """With `--resume`: take what was typed the first time and not again now.
+
+        Args:
+            context: The call.
+            several_stages: Whether the verb runs several stages, of which none is its own.
 
         Returns:
             The verb's own options among them; the shared ones are taken over here.
+
+        Raises:
+            UserError: The version asked for is not there, or another verb began it.
         """
-        before = recall(self.store, self.run_name, self.verb)
+        if several_stages:
+            if self.version:
+                raise UserError(
+                    f"--resume {self.version}: `{self.verb}` runs several stages; leave out the"
+                    " version, or resume one stage with its own verb"
+                )
+            before = recall(self.store, self.run_name, self.verb)
+        else:
+            before = self._begun_with(self.seed if typed(context, "seed") else None)
         options_before = fill_in(context, before)
-        self.arguments = [self.verb, *before, *self.arguments[1:]]
+        self.arguments = [self.verb, *without_resume(before), *self.arguments[1:]]
         own = {}
         for name, value in options_before.items():
             if name in ("preset", "overrides", "seed", "device"):
@@ -177,6 +220,22 @@ class Session:
             elif not hasattr(self, name):
                 own[name] = value
         return own
+
+    def _begun_with(self, seed: int | None) -> list[str]:
+        """Choose the version to continue; the arguments that it was begun with."""
+        from lacoloco.datasets.work import begun_as
+
+        chosen = unfinished_version(self.store, self.run_name, self.verb, self.version, seed)
+        if chosen is None:  # the stage says that there is nothing to resume
+            return []
+        self.version, self.begun = chosen.final.name, begun_as(chosen.path)
+        return arguments_of(self.begun.command, self.verb, chosen.path)
+
+    def begun_inputs(self) -> list[Path]:
+        """With `--resume`: what the version was begun on, as far as it is still there."""
+        inputs = (self.begun.inputs if self.begun else None) or ()
+        paths = [Path(one.path) for one in inputs]
+        return paths if all(path.is_file() for path in paths) else []
 
 
 def verb(
@@ -187,6 +246,7 @@ def verb(
     preset: str | None = None,
     names_run: str | None = None,
     torchrun: bool = False,
+    several_stages: bool = False,
 ) -> Callable[[options.Body], options.Body]:
     """Register a function `(session, own options...)` as a command with the shared options.
 
@@ -197,7 +257,9 @@ def verb(
         preset: Another default for `--preset`.
         names_run: The own option that names the run unless `--run` does.
         torchrun: Whether several processes can do this together.
+        several_stages: Whether it runs several stages, each of which can be resumed.
     """
+    resumable = any(p.name == "resume" for p in shared) and shared is not options.AT_ONCE
 
     def register(body: options.Body) -> options.Body:
         own = list(inspect.signature(body, eval_str=True).parameters.values())[1:]
@@ -209,13 +271,18 @@ def verb(
             given["overrides"] = given.get("overrides") or ()
             arguments = (ctx.obj or {}).get("arguments") or [ctx.info_name]
             session = Session(verb=ctx.info_name or "", arguments=arguments, **given)
-            session.resumable = "resume" in names
+            session.resumable = resumable
             session.run = session.run or values.get(names_run or "")
             with guarded(session):
                 if session.processes > 1 and not torchrun:
                     raise UserError("torchrun starts only train-low and train-high; leave it out")
+                if session.resume and not resumable:
+                    raise UserError(
+                        f"--resume: {session.verb} keeps nothing to go on with; give the command"
+                        " again without it"
+                    )
                 if session.resume:
-                    values |= session.recall(ctx)
+                    values |= session.recall(ctx, several_stages=several_stages)
                 body(session, **values)
 
         parameters = [Parameter("ctx", Parameter.POSITIONAL_ONLY, annotation=typer.Context)]
@@ -223,7 +290,7 @@ def verb(
         command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         command.__annotations__ = {p.name: p.annotation for p in parameters}
         command.__name__, command.__doc__ = body.__name__, body.__doc__
-        app.command(name)(command)
+        app.command(name, cls=Resumable)(command)
         return body
 
     return register
@@ -246,9 +313,7 @@ def guarded(session: Session) -> Iterator[None]:
             code = error.exit_code
         except (KeyboardInterrupt, typer.Abort):
             _stop_progress(session)
-            code, line = INTERRUPTED, "interrupted"
-            if session.resumable:
-                line = f"interrupted; continue with: {session.resume_command()}"
+            code, line = INTERRUPTED, f"interrupted; {session.how_to_continue()}"
             console.note(line)
         except Exception as error:  # the last frame: everything becomes one line
             _stop_progress(session)

@@ -52,15 +52,17 @@ def run_sweep(session: Session, asked: Sweep, *, status: bool) -> None:
         found = sweep.trials(session.store, session.run_name, methods, seeds)
     else:
         at_once = asked.jobs or (1 if asked.executor == "local" else len(methods) * asked.seeds)
+        given, context = parameters(asked.slurm), session.context()
+        session.remember()
         found, evaluation = sweep.run_trials(
             asked.experiment,
-            session.context(),
+            context,
             preset=session.preset or "laptop",
             methods=methods,
             seeds=asked.seeds,
             executor=asked.executor,
             at_once=at_once,
-            options=parameters(asked.slurm),
+            options=given,
             mocap=asked.mocap,
             settings=asked.settings,
             robot=asked.robot,

@@ -33,10 +33,9 @@ def track(
     from lacoloco.pipelines import track as stage
 
     config = session.config(stage.PRESETS)
-    sources = (
-        [resolve(one) for one in motions]
-        if motions
-        else [session.store.newest(session.run_name, "retarget")]
-    )
+    given = motions or session.begun_inputs()
+    sources = [
+        resolve(one) for one in given or [session.store.newest(session.run_name, "retarget")]
+    ]
     result = stage.run(config, session.context(), motions=sources)
     session.answer({"artifact": path_text(result.artifact), **result.metrics})

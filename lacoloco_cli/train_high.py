@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lacoloco_cli.options import Checkpoint, Seeds
 from lacoloco_cli.seeds import taken_over, train_seeds
 from lacoloco_cli.session import Session, verb
+
+if TYPE_CHECKING:
+    from lacoloco.pipelines.stage import StageContext
 
 app = typer.Typer()
 
@@ -43,12 +46,15 @@ def train_high(
     low = resolve(low) if low else None
     if checkpoint is not None:
         config = taken_over(session, checkpoint, stage.TrainHighConfig())
+
+    def chosen_low(context: StageContext) -> Path:
+        begun = session.begun_inputs() if context.resume else []
+        return low or (begun[0] if begun else newest_low(session, context.seed))
+
     train_seeds(
         session,
         seeds,
-        lambda context: stage.run(
-            config, context, low=low or newest_low(session, context.seed), task=task
-        ),
+        lambda context: stage.run(config, context, low=chosen_low(context), task=task),
         stage.LOG_KEYS,
         checkpoint,
     )

@@ -53,7 +53,8 @@ def train_low(
         config = replace(config, cat=cat)
     if checkpoint is not None:
         config = taken_over(session, checkpoint, stage.TrainLowConfig())
-    motions = [resolve(one) for one in motions or newest_motions(session)]
+    motions = motions or session.begun_inputs() or newest_motions(session)
+    motions = [resolve(one) for one in motions]
     train_seeds(
         session,
         seeds,

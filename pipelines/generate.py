@@ -5,12 +5,13 @@ reaching, 10 s each.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from lacoloco.datasets import published
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, save_clips
+from lacoloco.datasets.work import Work
 from lacoloco.pipelines.generation.config import (
     ExpertConfig,
     GenerateConfig,
@@ -74,11 +75,11 @@ def run(
         StageError: An expert falls too often to record enough clips without a fall.
     """
     spec = load_robot(robot)
+    directory = context.begin("generate", work(config, context, robot=robot))
     experts = _experts(config, context, spec, retrain)
     _, policies = load_policies(experts, *SKILLS, device=context.device)
     clips: list[Clip] = []
     metrics: dict[str, float | None] = {}
-    directory = context.store.begin(context.run, "generate")
     for task, count in (("walk", config.walk_clips), ("reach_in_place", config.reach_clips)):
         recorded, measured = record(spec, task, policies[task], count, config, context)
         clips += recorded
@@ -97,12 +98,30 @@ def run(
     return StageResult(directory.complete(), {"clips": len(clips), "seconds": seconds, **metrics})
 
 
+def work(
+    config: GenerateConfig, context: StageContext, *, robot: str = "solo12", retrain: bool = False
+) -> Work:
+    """What clips, and experts trained for them, are made from; which experts perform is not
+    compared.
+
+    Raises:
+        RobotError: Unknown robot.
+    """
+    return context.work(config, record_of(load_robot(robot)))
+
+
 def _experts(config: GenerateConfig, context: StageContext, spec: RobotSpec, retrain: bool) -> Path:
-    """The run's newest experts of this robot, else the published ones, else newly trained ones."""
-    if not retrain and not context.resume:
-        for path in reversed(context.store.all(context.run, "experts")):
-            if belongs_to(read_header(path), spec):
-                return path
+    """The run's newest experts of this robot, else the published ones, else newly trained ones.
+
+    A resumed call goes on with experts that it began, and takes those that it finished.
+    """
+    asked = context.work(config, record_of(spec))
+    for path in reversed(context.store.all(context.run, "experts")):
+        header = read_header(path)
+        mine = context.resume and not Work.of(header).differences(asked)
+        if mine or (belongs_to(header, spec) and not retrain and not _begun(context, asked)):
+            return path
+    if not retrain and not _begun(context, asked):
         bundled = published.find(f"{spec.name}-experts")
         if bundled is not None and belongs_to(read_header(bundled), spec):
             context.progress.say(
@@ -115,11 +134,20 @@ def _experts(config: GenerateConfig, context: StageContext, spec: RobotSpec, ret
     return train_experts(config, context, spec)
 
 
+def _begun(context: StageContext, asked: Work) -> bool:
+    """Whether a resumed call has begun to train experts."""
+    left = context.store.partials(context.run, "experts") if context.resume else []
+    begun = [Work.read(one.path) for one in left]
+    return any(one is not None and not one.differences(asked) for one in begun)
+
+
 def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec) -> Path:
     """Train the walking and the reaching expert and write both into one artifact of the stage
     ``experts``.
     """
-    directory = context.store.begin(context.run, "experts", resume=context.resume)
+    # The version that the user may have chosen is one of generate's.
+    mine = replace(context, version="", or_begin=True)
+    directory = mine.begin("experts", mine.work(config, record_of(spec)))
     policies: list[Policy] = []
     metrics: dict[str, float] = {}
     for task, expert in (("walk", config.walk), ("reach_in_place", config.reach)):

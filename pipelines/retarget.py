@@ -92,7 +92,8 @@ def run(
     earlier: dict[str, Piece] = {}
     if not force:
         earlier = earlier_pieces(context.store, context.run, STAGE, set(keys.values()))
-    directory = context.store.begin(context.run, STAGE, resume=context.resume)
+    record = record_of(load_robot(robot))
+    directory = context.begin(STAGE, context.work(config, record))
     todo = [task for task in tasks if task in keys and keys[task] not in earlier]
     for task, outcome in retarget_all(
         worker, config, robot, todo, directory.path, jobs, context.progress
@@ -114,7 +115,7 @@ def run(
     if not force and newest and _holds(newest[0], made):
         directory.discard()
         return StageResult(newest[0], metrics)
-    _finish(directory, config, context, record_of(load_robot(robot)), made, metrics)
+    _finish(directory, config, context, record, made, metrics)
     return StageResult(directory.complete(), metrics)
 
 

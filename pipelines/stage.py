@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
-if TYPE_CHECKING:
-    from lacoloco.datasets.store import RunStore
+from lacoloco.datasets.hashing import hash_file
+from lacoloco.datasets.provenance import Parent
+from lacoloco.datasets.robot_record import RobotRecord
+from lacoloco.datasets.store import RunStore, StageDir
+from lacoloco.datasets.work import Work
 
 
 class Progress(Protocol):
@@ -72,12 +76,55 @@ class StageContext:
     device: str = "cpu"
     """`"cpu"` (mujoco.batch) or `"cuda"` (MuJoCo Warp)."""
     resume: bool = False
-    """Continue the newest unfinished version of the stage."""
+    """Continue the newest unfinished version of the stage with the same work."""
+    version: str = ""
+    """With `resume`, the only version to continue, e.g. "0003"."""
+    or_begin: bool = False
+    """With `resume`, begin a version where none with the same work is unfinished."""
     checkpoint: Path | None = None
     """Begin a training where this checkpoint, perhaps of another machine, left off."""
     command: str = ""
     """The command line as typed; recorded in the artifact."""
     progress: Progress = SILENT
+
+    def work(
+        self,
+        config: Any,
+        robot: RobotRecord,
+        inputs: Sequence[Path] | None = None,
+        task: str = "",
+    ) -> Work:
+        """What a version of a stage is made from, in this context.
+
+        Args:
+            config: The stage's config, a dataclass, with every default resolved.
+            robot: The robot.
+            inputs: Artifacts that it is made from; None where the stage compares them itself.
+            task: Text of a task file of the user's own.
+
+        Raises:
+            ArtifactError: An input is missing or cannot be read.
+        """
+        parents = None
+        if inputs is not None:
+            parents = tuple(Parent(str(path), hash_file(path)) for path in inputs)
+        return Work(asdict(config), self.seed, robot, parents, task, self.command)
+
+    def begin(self, stage: str, work: Work, label: str = "") -> StageDir:
+        """Open the working directory of a stage: a new version, or the unfinished one.
+
+        Raises:
+            ArtifactError: See `RunStore.begin`.
+        """
+        return self.store.begin(
+            self.run,
+            stage,
+            work=work,
+            label=label,
+            resume=self.resume,
+            version=self.version,
+            or_begin=self.or_begin,
+        )
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Annotated
 from lacoloco.datasets.clip import load_clips, save_clips
 from lacoloco.datasets.config_values import Length, Within
 from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.datasets.work import Work
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import save_policies
@@ -25,6 +26,7 @@ from lacoloco.pipelines.tracking.rollout_plan import num_rollouts
 from lacoloco.pipelines.tracking.trainer import TrackerTrainer
 from lacoloco.pipelines.training.checkpoint import remove_checkpoints
 from lacoloco.pipelines.training.loop import train
+from lacoloco.robots.spec import RobotSpec
 
 LOG_KEYS = ("reward", "early_terminations_per_1000_steps", "falls_per_1000_steps", "std")
 
@@ -99,7 +101,7 @@ def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) 
     given = [clip for path in motions for clip in load_clips(path, robot=spec.name)]
     clips = reference_clips(spec, given, config.speed_factors)
     library = MotionLibrary(clips, context.device)
-    directory = context.store.begin(context.run, "track", resume=context.resume)
+    directory = context.begin("track", work(config, context, motions=motions, robot=spec))
     trainer = TrackerTrainer(
         spec, library, config.tracker, seed=context.seed, device=context.device
     )
@@ -145,3 +147,19 @@ def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) 
     )
     remove_checkpoints(directory.path)
     return StageResult(directory.complete(), metrics)
+
+
+def work(
+    config: TrackConfig,
+    context: StageContext,
+    *,
+    motions: Sequence[Path],
+    robot: RobotSpec | None = None,
+) -> Work:
+    """What the training and its recording are made from.
+
+    Raises:
+        StageError: The artifacts hold clips of different robots.
+        ArtifactError: An input is missing or damaged.
+    """
+    return context.work(config, record_of(robot or robot_of_all(motions)), motions)

@@ -9,7 +9,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from lacoloco.datasets.artifact import Header
+from lacoloco.datasets.artifact import Header, read_header
+from lacoloco.datasets.work import Work
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import play_episodes
 from lacoloco.pipelines.evaluation.task_reward import task_reward
@@ -20,7 +21,7 @@ from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
-from lacoloco.pipelines.robot import robot_of
+from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.tasks import Task, load_task, load_task_file
 from lacoloco.pipelines.stage import StageContext, StageResult
@@ -87,7 +88,7 @@ def run(
     artifact, policies = load_policies(low, "low", device=context.device)
     spec = robot_of(artifact, context.progress.say)
     method = artifact.metadata["method"]
-    config = with_contact_force_penalty(config, was_constrained(artifact))
+    config = resolved(config, artifact)
     mine = shared(config)
 
     rules = load_task_file(spec, task) if task else load_task(spec, "reach")
@@ -113,9 +114,29 @@ def run(
         )
         return metrics
 
-    stage = TrainStage("train-high", method, config, context, LOG_KEYS, high_level_warnings)
+    asked = work(config, context, low=low, task=task)
+    stage = TrainStage("train-high", method, config, context, asked, LOG_KEYS, high_level_warnings)
     pretraining = "trying latents and fitting the first policy to where they led"
     return stage.run(make_trainer, save, pretraining if mine.hindsight.decisions else None)
+
+
+def work(
+    config: TrainHighConfig, context: StageContext, *, low: Path, task: Path | None = None
+) -> Work:
+    """What the training is made from.
+
+    Raises:
+        ArtifactError: ``low`` is missing or damaged.
+        RobotError: Its robot is not to be found.
+    """
+    header = read_header(low)
+    text = _carried(task)["task"]["text"] if task else ""
+    return context.work(resolved(config, header), record_of(robot_of(header)), [low], text)
+
+
+def resolved(config: TrainHighConfig, low: Header) -> TrainHighConfig:
+    """The config with the defaults that follow from its low level."""
+    return with_contact_force_penalty(config, was_constrained(low))
 
 
 def was_constrained(low: Header) -> bool:

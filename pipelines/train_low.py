@@ -11,6 +11,7 @@ from typing import Any
 
 from lacoloco.datasets.clip import Clip, load_clips
 from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.datasets.work import Work
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import AseConfig
@@ -19,7 +20,7 @@ from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level.config import TrainLowConfig
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.policies import save_policies
-from lacoloco.pipelines.robot import Say, robot_of_all
+from lacoloco.pipelines.robot import Say, record_of, robot_of_all
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.diagnostics import low_level_warnings
 from lacoloco.pipelines.training.train_stage import TrainStage
@@ -126,9 +127,26 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         )
         return metrics
 
-    stage = TrainStage("train-low", method, config, context, LOG_KEYS, low_level_warnings)
+    asked = work(config, context, motions=motions, robot=spec)
+    stage = TrainStage("train-low", method, config, context, asked, LOG_KEYS, low_level_warnings)
     pretraining = "inferring the clips' actions and fitting the first policy to them"
     return stage.run(make_trainer, save, pretraining if config.bc_steps else None)
+
+
+def work(
+    config: TrainLowConfig,
+    context: StageContext,
+    *,
+    motions: Sequence[Path],
+    robot: RobotSpec | None = None,
+) -> Work:
+    """What the training is made from.
+
+    Raises:
+        StageError: the artifacts hold clips of different robots.
+        ArtifactError: an input is missing or damaged.
+    """
+    return context.work(config, record_of(robot or robot_of_all(motions)), motions)
 
 
 def shared(config: TrainLowConfig) -> TrainLowConfig:

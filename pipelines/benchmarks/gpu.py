@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -161,7 +160,7 @@ class Report:
     def keep(self, path: Path, name: str) -> None:
         """Copy a file to the folder for copies, if there is one."""
         if self.out is not None:
-            shutil.copyfile(path, self.out / name)
+            write_file(self.out / name, path.read_bytes(), replace=True)
 
     def _write(self) -> None:
         for folder in self._places:

@@ -5,15 +5,15 @@ meet.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from statistics import fmean, stdev
 from typing import Any
 
 from lacoloco.datasets.config_values import check_config
+from lacoloco.datasets.work import Work, in_one_line
 from lacoloco.pipelines.chains.experiments import (
     EXPERIMENTS,
     INPUT_OF,
@@ -22,6 +22,8 @@ from lacoloco.pipelines.chains.experiments import (
     Experiment,
     known,
 )
+from lacoloco.pipelines.chains.summaries import summarise
+from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.robot import belongs_to
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot
@@ -29,6 +31,10 @@ from lacoloco.robots.spec import RobotSpec
 
 Settings = Mapping[str, Mapping[str, Any]]
 """Verb -> dotted path of a field of its config -> value."""
+
+TRAININGS = ("train-low", "train-high")
+ALWAYS_RUN = ("retarget", "eval", "export", "play")
+"""Stages that are quick, or that take over by themselves what is there."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +64,9 @@ def run(
     Where the experiment may start from a published low level of this method, and there is one, only
     a new high level is trained: skills once, tasks in minutes.
 
-    With ``context.resume``, stages that are complete in this run are kept and the unfinished one
-    goes on.
+    With ``context.resume``, a stage that is complete in this run is kept, and an unfinished one
+    goes on, where it was begun with the same config, seed, robot and inputs. Any other runs again,
+    as a new version; one line says what differs.
 
     Args:
         name: a key of ``EXPERIMENTS``.
@@ -80,6 +87,7 @@ def run(
     experiment = of_robot(known(EXPERIMENTS, name, "experiment"), robot)
     known(METHODS, method, "method")
     settings = settings or {}
+    context = replace(context, or_begin=True)
     chain = _Chain(experiment, context, preset, method, list(mocap), settings)
     whole = from_scratch or mocap or not settings.keys().isdisjoint(before_high(experiment))
     low = None if whole else published_low(experiment, method)
@@ -158,7 +166,7 @@ def make_motions(
     settings: Settings | None = None,
     robot: str | None = None,
 ) -> list[Path]:
-    """The motions that an experiment's low level learns from; those that are there already are
+    """The motions that an experiment's low level learns from; those that were made the same way are
     kept.
 
     Raises:
@@ -182,21 +190,46 @@ def train_both(
     preset: str,
     method: str,
     settings: Settings | None = None,
+    motions: Sequence[Path] = (),
+    robot: str | None = None,
 ) -> Path:
-    """Both levels of one method and seed on the run's newest motions; a level that is there already
-    is kept.
+    """Both levels of one method and seed; a level that was trained the same way is kept.
+
+    Args:
+        name: a key of ``EXPERIMENTS``.
+        context: run, seed, device.
+        preset: preset of both stages.
+        method: a key of ``METHODS``.
+        settings: fields of the stages' configs.
+        motions: what the low level learns from; default: the run's newest of the robot.
+        robot: another robot than the experiment's.
 
     Returns:
         The high level's artifact.
 
     Raises:
-        StageError: unknown experiment, preset or method.
-        ArtifactError: the run has no motions.
+        StageError: unknown experiment, preset or method, or the run has no motions of the robot.
     """
-    chain = _resuming(name, context, preset, method, settings=settings)
-    motions = [chain.newest(verb) for verb in chain.experiment.learn_from]
+    chain = _resuming(name, context, preset, method, settings=settings, robot=robot)
+    motions = list(motions) or [chain.newest(verb) for verb in chain.experiment.learn_from]
     low = chain.stage("train-low", chain.context, motions=motions)
     return chain.stage("train-high", chain.context, low=low.artifact).artifact
+
+
+def trained_levels(
+    name: str,
+    context: StageContext,
+    *,
+    preset: str,
+    method: str,
+    settings: Settings | None,
+    motions: Sequence[Path],
+    robot: str | None,
+) -> tuple[Path | None, Path | None]:
+    """The low and the high level that ``train_both`` would keep, None where it would train."""
+    chain = _resuming(name, context, preset, method, settings=settings, robot=robot)
+    low = chain.done("train-low", chain.context, motions=list(motions))
+    return low, chain.done("train-high", chain.context, low=low) if low is not None else None
 
 
 def evaluate(
@@ -227,7 +260,7 @@ def _resuming(
 ) -> _Chain:
     experiment = of_robot(known(EXPERIMENTS, name, "experiment"), robot)
     known(METHODS, method, "method")
-    resuming = replace(context, resume=True)
+    resuming = replace(context, resume=True, or_begin=True)
     return _Chain(experiment, resuming, preset, method, list(mocap), settings or {})
 
 
@@ -248,6 +281,7 @@ class _Chain:
         self.experiment, self.context = experiment, context
         self.preset, self.method = preset, method
         self.mocap, self.settings = mocap, settings
+        self._made: dict[str, Path] = {}
 
     def run(self, seeds: range, published: Path | None = None) -> Iterator[Outcome]:
         """All stages in order; with a ``published`` low level, only what comes after it."""
@@ -280,29 +314,44 @@ class _Chain:
         return {"robot": self.experiment.robot, **mocap}
 
     def stage(self, verb: str, context: StageContext, **inputs: Any) -> Outcome:
-        """Run one stage; with ``context.resume``, keep it where it is complete and go on where it
-        is not.
+        """Run one stage; with ``context.resume``, keep it where the same work is complete, and go
+        on where it is not.
         """
         module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
-        config = self.config(verb)
-        done = (
-            self._done(verb, context.seed)
-            if context.resume and verb not in ("play", "eval", "export")
-            else None
-        )
         begin = time.monotonic()
+        done = self.done(verb, context, **inputs) if context.resume else None
         if done is not None:
+            self._made[verb] = done
             return Outcome(verb, 0.0, "kept", done)
-        label = f"{self.method}-seed{context.seed}" if verb in ("train-low", "train-high") else ""
-        # What takes long in generate, and has checkpoints, is the training of its experts.
-        worked_in = "experts" if verb == "generate" else verb
-        unfinished = bool(context.store.partials(context.run, worked_in, label))
-        result: StageResult = module.run(
-            config, replace(context, resume=context.resume and unfinished), **inputs
-        )
+        result: StageResult = module.run(self.config(verb), context, **inputs)
+        self._made[verb] = result.artifact
         return Outcome(
             verb, time.monotonic() - begin, summarise(verb, result.metrics), result.artifact
         )
+
+    def done(self, verb: str, context: StageContext, **inputs: Any) -> Path | None:
+        """The newest complete version with the same work; what differs in the others is said."""
+        from lacoloco.datasets.artifact import read_header
+
+        if verb in ALWAYS_RUN:
+            return None
+        asked: Work | None = None
+        said = ""
+        for path in reversed(self.context.store.all(self.context.run, verb)):
+            header = read_header(path)
+            if verb in TRAININGS and (
+                header.seed != context.seed or header.metadata.get("method") != self.method
+            ):
+                continue
+            module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
+            asked = asked or module.work(self.config(verb), context, **inputs)
+            differences = Work.of(header).differences(asked)
+            if not differences:
+                return path
+            said = said or f"{verb} {path.parent.name} is not kept: {in_one_line(differences)}"
+        if said:
+            context.progress.say(f"{said}; running it again as a new version")
+        return None
 
     def config(self, verb: str) -> Any:
         """A stage's config: the preset's, then the experiment's, then the settings'."""
@@ -311,79 +360,33 @@ class _Chain:
         check_config(config, f"{verb}.")
         return config
 
-    def _done(self, verb: str, seed: int) -> Path | None:
-        from lacoloco.datasets.artifact import read_header
-
-        for path in reversed(self.context.store.all(self.context.run, verb)):
-            header = read_header(path)
-            if verb in ("generate", "retarget") and not belongs_to(header, self.robot):
-                continue
-            trained = verb in ("train-low", "train-high")
-            if not trained or (
-                header.seed == seed and header.metadata.get("method") == self.method
-            ):
-                return path
-        return None
-
     @cached_property
     def robot(self) -> RobotSpec:
         """The experiment's robot."""
         return load_robot(self.experiment.robot)
 
     def newest(self, verb: str) -> Path:
-        """The run's newest artifact of a stage."""
-        return self.context.store.newest(self.context.run, verb)
+        """What this chain made in a stage, else the run's newest artifact of the robot.
+
+        Raises:
+            StageError: the run has none of this robot.
+            ArtifactError: the run has none at all.
+        """
+        from lacoloco.datasets.artifact import read_header
+
+        if verb in self._made:
+            return self._made[verb]
+        store, run = self.context.store, self.context.run
+        for path in reversed(store.all(run, verb)):
+            if belongs_to(read_header(path), self.robot):
+                return path
+        raise StageError(
+            f"{store.newest(run, verb)}: not of robot '{self.robot.name}' as it is now; make"
+            f" others with `lacoloco {verb}`, or name another run"
+        )
 
     def _best(self, evaluation: Path, policies: list[Path]) -> Path:
         from lacoloco.datasets.artifact import read_header
 
         best = read_header(evaluation).metadata["best"]["policy"]
         return next(path for path in policies if str(path) == best)
-
-
-def summarise(verb: str, metrics: dict[str, Any]) -> str:
-    """The few metrics of a stage that a person wants to see, in one line."""
-    return SUMMARIES[verb](metrics)
-
-
-def _evaluated(metrics: dict[str, Any]) -> str:
-    """Mean and sample spread over the seeds of every method; never the best seed in their place."""
-    lines = []
-    for method in metrics["summary"]:
-        rows = [row for row in metrics["rows"] if row["method"] == method]
-        error, violation, falls = (
-            [row[key] for row in rows]
-            for key in ("ee_error_mean_m", "contact_violation_pct", "falls_pct")
-        )
-        spread = f" +- {100 * stdev(error):.1f}" if len(rows) > 1 else ""
-        seeds = f"mean of {len(rows)} seeds" if len(rows) > 1 else f"seed {rows[0]['seed']}"
-        lines.append(
-            f"{method}, {seeds}: error {100 * fmean(error):.1f}{spread} cm, "
-            f"violation {fmean(violation):.2f} %, falls {fmean(falls):.2f} %"
-        )
-    return "; ".join(lines)
-
-
-SUMMARIES: dict[str, Callable[[dict[str, Any]], str]] = {
-    "generate": lambda m: (
-        f"{m['clips']} clips, {m['seconds']:.0f} s; walking error {m['walk_error_mean']:.3f} m/s, "
-        f"reaching error {100 * m['reach_error_mean']:.1f} cm"
-    ),
-    "retarget": lambda m: f"{m['frames_per_second']:.0f} frames/s",
-    "track": lambda m: (
-        f"{m['segments']} segments, {100 * m['kept']:.0f} % of the clips; "
-        f"speed {m['speed']:.2f} m/s (clips {m['clip_speed']:.2f})"
-    ),
-    "train-low": lambda m: (
-        f"{m['samples'] / 1e6:.1f} M samples, {m['samples_per_second']:.0f}/s; speed "
-        f"{m['speed']:.2f} m/s (clips {m['clip_speed']:.2f}), latents that walk "
-        f"{100 * m['coverage_walk']:.0f} %, "
-        f"reach {100 * m['coverage_reach']:.0f} %"
-    ),
-    "train-high": lambda m: (
-        f"error {100 * m['trained_error']:.1f} cm, untrained {100 * m['untrained_error']:.1f} cm"
-    ),
-    "eval": _evaluated,
-    "export": lambda m: f"low.onnx, high.onnx; largest difference {m['max_abs_difference']:.1g}",
-    "play": lambda m: str(m["html"]),
-}

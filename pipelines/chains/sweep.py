@@ -1,8 +1,8 @@
 """One experiment for several methods and seeds, each a trial trained in a job of its own.
 
-What there is to do is read off the run: a trial whose policy is there is done, one that was cut
-short goes on from its checkpoint, one that failed is tried again. So the same command, given again,
-does what is missing and nothing else.
+What there is to do is read off the run: a trial whose policy is there, with the same config, robot
+and inputs, is done, one that was cut short goes on from its checkpoint, one that failed is tried
+again. So the same command, given again, does what is missing and nothing else.
 """
 
 from __future__ import annotations
@@ -73,8 +73,15 @@ def chosen_methods(text: str) -> list[str]:
 
 
 def trials(store: RunStore, run: str, methods: Iterable[str], seeds: Iterable[int]) -> list[Trial]:
-    """Every trial, method by method, as the run shows it."""
-    return [_look(store, run, Trial(method, seed)) for method, seed in product(methods, seeds)]
+    """Every trial, method by method, as the run shows it: its newest policies of that method and
+    seed, whatever their settings.
+    """
+    found = []
+    for method, seed in product(methods, seeds):
+        trial = Trial(method, seed)
+        low, high = (_trained(store, run, stage, trial) for stage in chain.TRAININGS)
+        found.append(_look(store, run, trial, low, high))
+    return found
 
 
 def run_trials(
@@ -116,14 +123,34 @@ def run_trials(
     numbers = range(context.seed, context.seed + seeds)
     jobs_folder = store.directory(run) / JOBS
     machine = make_executor(executor, jobs_folder, options)
-    chain.make_motions(name, context, preset=preset, mocap=mocap, robot=robot, settings=settings)
-    found = {trial.name: trial for trial in trials(store, run, methods, numbers)}
+    motions = chain.make_motions(
+        name, context, preset=preset, mocap=mocap, robot=robot, settings=settings
+    )
+
+    def look(trial: Trial) -> Trial:
+        low, high = chain.trained_levels(
+            name,
+            replace(context, seed=trial.seed),
+            preset=preset,
+            method=trial.method,
+            settings=settings,
+            motions=motions,
+            robot=robot,
+        )
+        return _look(store, run, trial, low, high)
+
+    asked = [Trial(method, seed) for method, seed in product(methods, numbers)]
+    found = {trial.name: look(trial) for trial in asked}
     todo = [trial for trial in found.values() if trial.status != "done"]
     shared = (name, str(store.root.resolve()), run, preset, settings or {})
-    work = {m.name: (*shared, m.method, m.seed, context.device, context.command) for m in todo}
+    made = [str(path.resolve()) for path in motions]
+    work = {
+        m.name: (*shared, m.method, m.seed, context.device, context.command, made, robot)
+        for m in todo
+    }
     progress.start(f"{len(todo)} of {len(found)} trials", len(todo))
     for count, ended in enumerate(run_jobs(machine, train_trial, work, at_once=at_once), 1):
-        trial = _look(store, run, found[ended.name])
+        trial = look(found[ended.name])
         failed = trial.status != "done"
         error = (ended.error or "its job ended without a policy") if failed else ""
         status = "failed" if failed else "done"
@@ -150,23 +177,32 @@ def train_trial(
     seed: int,
     device: str,
     command: str,
+    motions: Sequence[str],
+    robot: str | None,
 ) -> None:
     """Both levels of one trial, as far as they are not there: what a job does."""
     context = StageContext(
         RunStore(Path(root)), run, seed=seed, device=device, resume=True, command=command
     )
-    chain.train_both(name, context, preset=preset, method=method, settings=settings)
-
-
-def _look(store: RunStore, run: str, trial: Trial) -> Trial:
-    paths = {stage: _trained(store, run, stage, trial) for stage in ("train-low", "train-high")}
-    partials = [part for stage in paths for part in store.partials(run, stage, trial.name)]
-    begun = partials or paths["train-low"]
-    status = "done" if paths["train-high"] else "unfinished" if begun else "missing"
-    samples = _samples(partials[-1].path) if partials else 0
-    return replace(
-        trial, status=status, samples=samples, low=paths["train-low"], high=paths["train-high"]
+    chain.train_both(
+        name,
+        context,
+        preset=preset,
+        method=method,
+        settings=settings,
+        motions=[Path(path) for path in motions],
+        robot=robot,
     )
+
+
+def _look(store: RunStore, run: str, trial: Trial, low: Path | None, high: Path | None) -> Trial:
+    """The trial with its levels, and how far it is."""
+    partials = [
+        part for stage in chain.TRAININGS for part in store.partials(run, stage, trial.name)
+    ]
+    status = "done" if high else "unfinished" if partials or low else "missing"
+    samples = _samples(partials[-1].path) if partials else 0
+    return replace(trial, status=status, samples=samples, low=low, high=high)
 
 
 def _trained(store: RunStore, run: str, stage: str, trial: Trial) -> Path | None:

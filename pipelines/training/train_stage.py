@@ -9,6 +9,7 @@ from typing import Any, Protocol, TypeVar
 
 from lacoloco.datasets.atomic_write import write_file
 from lacoloco.datasets.store import ARTIFACT, StageDir
+from lacoloco.datasets.work import Work
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.checkpoint import (
@@ -44,6 +45,7 @@ class TrainStage:
         method: What is trained, in the artifact and in the name of its folder.
         config: Stored with checkpoints and artifact.
         context: Seed, store, progress.
+        work: What it is made from; a resumed training has the same.
         log_keys: Metrics shown while it runs.
         warn: Warnings, from the metrics of all iterations so far.
     """
@@ -52,6 +54,7 @@ class TrainStage:
     method: str
     config: Any
     context: StageContext
+    work: Work
     log_keys: tuple[str, ...]
     warn: Callable[[Sequence[Metrics]], list[str]]
 
@@ -72,7 +75,7 @@ class TrainStage:
         Raises:
             ArtifactError: The directory cannot be opened, or another process is at work in it.
         """
-        directory = begin(self.context, self.verb, self.method)
+        directory = begin(self.context, self.verb, self.method, self.work)
         trainer = make_trainer()
         # A training without a checkpoint starts again, and its pretraining too.
         if pretraining and not has_checkpoint(directory.path):
@@ -103,7 +106,7 @@ def describe(stage: str, method: str, seed: int) -> str:
     return f"{stage} {method} seed {seed}"
 
 
-def begin(context: StageContext, stage: str, method: str) -> StageDir:
+def begin(context: StageContext, stage: str, method: str, work: Work) -> StageDir:
     """Open a training's working directory, with the checkpoint to go on from if there is one.
 
     Of several processes the first one does so, the others only learn its name.
@@ -113,7 +116,7 @@ def begin(context: StageContext, stage: str, method: str) -> StageDir:
     """
     opened, label = None, f"{method}-seed{context.seed}"
     if parallel.rank() == 0:
-        opened = context.store.begin(context.run, stage, resume=context.resume, label=label)
+        opened = context.begin(stage, work, label)
         place = checkpoint_path(opened.path, describe(stage, method, context.seed))
         if context.checkpoint is not None and not place.exists():
             write_file(place, context.checkpoint.read_bytes())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -41,13 +40,3 @@ def encode_gif(frames: np.ndarray, milliseconds: int, colours: int) -> bytes:
         optimize=False,
     )
     return file.getvalue()
-
-
-def is_gif(file: Path) -> bool:
-    """Whether a file starts like a GIF.
-
-    Raises:
-        OSError: It cannot be read.
-    """
-    with file.open("rb") as stream:
-        return stream.read(6) in (b"GIF87a", b"GIF89a")

@@ -230,9 +230,52 @@ def test_interrupted_training_goes_on_where_it_stopped(chain, monkeypatch):
     assert result.exit_code == 130
     assert "lacoloco train-low --run tiny --resume" in result.stderr
     assert chain.store.all("tiny", "train-low") == before
+    begun_on = chain.store.newest("tiny", "generate")
+    newer = chain.answer("generate", "--seed", "9", *SMOKE)["artifact"]
+    refused = chain.invoke("train-low", "--resume", "--motions", newer)
+    assert refused.exit_code == 2 and "the input was" in refused.stderr
     answer = chain.answer("train-low", "--resume")
     assert (answer["seed"], answer["method"]) == (5, "drail")
     assert len(chain.store.all("tiny", "train-low")) == len(before) + 1
+    made = chain.store.newest("tiny", "train-low")
+    assert read_header(made).parents[0].locate(made) == begun_on, "not the newer motions"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stopped_in", ["training", "recording"])
+def test_interrupted_generation_goes_on_with_the_experts_it_trained(
+    tmp_path, monkeypatch, stopped_in
+):
+    from lacoloco.pipelines import generate
+    from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
+
+    chain = Chain(tmp_path / "runs")
+    real, iterations = ExpertTrainer.iterate, []
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    def count(trainer, progress):
+        iterations.append(progress)
+        if stopped_in == "training" and len(iterations) == 2:
+            interrupt()
+        return real(trainer, progress)
+
+    monkeypatch.setattr(ExpertTrainer, "iterate", count)
+    with monkeypatch.context() as patch:
+        if stopped_in == "recording":
+            patch.setattr(generate, "record", interrupt)
+        typed = ("generate", "--run", "tiny", "--retrain", "--set", "walk_clips=1")
+        stopped = chain.invoke(*typed, *SMOKE)
+    assert stopped.exit_code == 130
+    assert "lacoloco generate --run tiny --resume" in stopped.stderr
+    once = len(iterations) if stopped_in == "recording" else None
+    refused = chain.invoke("generate", "--resume", "--set", "walk_clips=2")
+    assert refused.exit_code == 2 and "walk_clips was 1, is 2" in refused.stderr
+    assert chain.answer("generate", "--resume")["clips"] == 3
+    assert once in (None, len(iterations)), "the experts are not trained again"
+    assert len(chain.store.all("tiny", "experts")) == len(chain.store.all("tiny", "generate")) == 1
+    assert not chain.store.partials("tiny", "experts") + chain.store.partials("tiny", "generate")
 
 
 @pytest.mark.slow

@@ -9,6 +9,8 @@ from lacoloco.robots.registry import load_robot
 from lacoloco_cli import play
 from lacoloco_cli.main import app
 
+PNG = b"\x89PNG\r\n\x1a\n and what follows"
+
 
 def invoke(*arguments):
     return CliRunner().invoke(app, ["play", *map(str, arguments), "--quiet"])
@@ -111,7 +113,7 @@ def test_a_figure_is_drawn_instead_of_a_page(motions, tmp_path, monkeypatch):
     def run(config, context, *, policy, motions):
         asked.append((config, policy, motions))
         picture = tmp_path / "switching.png"
-        picture.write_bytes(b"drawn")
+        picture.write_bytes(PNG)
         figures = {"walk_first_reach_last": 0.25, "episodes": 4, "picture": str(picture)}
         return StageResult(tmp_path / "artifact.h5", figures)
 
@@ -125,7 +127,7 @@ def test_a_figure_is_drawn_instead_of_a_page(motions, tmp_path, monkeypatch):
         "25.0% of 4 episodes walk first and reach last",
         str(figure),
     ]
-    assert figure.read_bytes() == b"drawn"
+    assert figure.read_bytes() == PNG
     assert json.loads(invoke(*options, "--json").stdout)["walk_first_reach_last"] == 0.25
     assert asked[0][0] == switching.PRESETS["smoke"]()
     assert asked[0][1:] == (policy, [motions])

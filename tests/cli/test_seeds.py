@@ -6,7 +6,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from lacoloco.datasets.robot_record import RobotRecord
 from lacoloco.datasets.store import RunStore
+from lacoloco.datasets.work import Work
 from lacoloco.pipelines.stage import StageResult
 from lacoloco_cli.seeds import contexts, train_seeds
 from lacoloco_cli.session import Session, verb
@@ -59,7 +61,8 @@ def test_one_seed_is_a_flat_answer_and_a_table(train):
 def test_resume_leaves_out_what_is_done_and_begins_what_is_not(train, trained):
     train("--seeds", "4", "--run", "dog")
     trained.clear()
-    RunStore().begin("dog", "train", label="drail-cat-seed2")
+    work = Work({}, 2, RobotRecord("", ""), command="lacoloco train --seeds 4 --run dog")
+    RunStore().begin("dog", "train", label="drail-cat-seed2", work=work)
     train("--resume")
     assert trained == [(2, True), (3, False)]
 

@@ -4,7 +4,7 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,12 +14,13 @@ import typer
 from typer.testing import CliRunner
 
 from lacoloco.datasets.errors import DatasetError
+from lacoloco.datasets.robot_record import RobotRecord
 from lacoloco.datasets.store import RunStore  # noqa: F401  loaded before folders turn read-only
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.stage import StageContext  # noqa: F401
 from lacoloco.robots.errors import RobotError
 from lacoloco_cli.failures import UserError
-from lacoloco_cli.options import READING
+from lacoloco_cli.options import AT_ONCE, READING
 from lacoloco_cli.session import Session, verb
 
 
@@ -39,6 +40,12 @@ def command_of(body, **settings):
 
 def invoke(body, *arguments, **settings):
     return CliRunner().invoke(command_of(body, **settings), list(arguments))
+
+
+def begin(session, verb="train-low", config=None, **changes):
+    """Begin a version as a stage does, and leave it unfinished."""
+    context = replace(session.context(), **changes)
+    return context.begin(verb, context.work(config or Config(), RobotRecord("", "")))
 
 
 def invoke_as(name, body, *arguments):
@@ -138,12 +145,33 @@ def test_error_is_an_object_with_json():
 
 def test_interruption_prints_the_command_that_continues():
     def body(session: Session) -> None:
-        session.context()
+        begin(session)
         raise KeyboardInterrupt
 
     result = invoke_as("train-low", body, "--run", "dog")
     assert result.exit_code == 130
     assert result.stderr == "interrupted; continue with: lacoloco train-low --run dog --resume\n"
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [({}, "nothing was begun"), ({"shared": AT_ONCE}, "nothing is kept"),
+     ({"shared": READING}, "nothing is kept")],
+)  # fmt: skip
+def test_an_interruption_with_nothing_to_continue_says_so(settings, said):
+    def body(session: Session) -> None:
+        raise KeyboardInterrupt
+
+    result = invoke(body, **settings)
+    assert result.exit_code == 130
+    assert said in result.stderr and "--resume" not in result.stderr
+
+
+def test_a_stage_that_keeps_nothing_refuses_to_resume():
+    result = invoke(lambda session: pytest.fail("it ran"), "--resume", shared=AT_ONCE)
+    assert result.exit_code == 2
+    assert "keeps nothing to go on with" in result.stderr
+    assert "--resume" not in invoke(lambda session: None, "--help", shared=AT_ONCE).stdout
 
 
 def test_resume_needs_no_other_argument():
@@ -155,8 +183,9 @@ def test_resume_needs_no_other_argument():
         disc: Annotated[str, typer.Option("--disc")] = "drail",
         constrained: Annotated[bool, typer.Option("--cat/--no-cat")] = True,
     ) -> None:
-        context = session.context()
-        calls.append((context, session.config(PRESETS), motions, disc, constrained))
+        config = session.config(PRESETS)
+        begin(session, config=config)
+        calls.append((session.context(), config, motions, disc, constrained))
 
     typed = ["a.h5", "--run", "dog", "--disc", "gan", "--no-cat", "--seed", "4"]
     typed += ["--preset", "smoke", "--set", "samples=7"]
@@ -177,9 +206,10 @@ def test_an_own_option_may_name_the_run():
         session: Session, name: Annotated[str | None, typer.Argument()] = None, seeds: int = 1
     ) -> None:
         runs.append((session.context().run, name, seeds))
+        session.remember()
 
     def call(*arguments):
-        app = command_of(body, names_run="name")
+        app = command_of(body, names_run="name", several_stages=True)
         CliRunner().invoke(app, arguments, obj={"arguments": ["run", *arguments]}, prog_name="run")
 
     call("dog", "--seeds", "3")
@@ -191,19 +221,77 @@ def test_an_own_option_may_name_the_run():
                     ("mine", "dog", 1)]  # fmt: skip
 
 
-def test_what_is_typed_with_resume_wins():
-    seeds = []
-    invoke_as("train-low", lambda session: seeds.append(session.context().seed), "--seed", "4")
-    arguments = ("--resume", "--seed", "5")
-    invoke_as("train-low", lambda session: seeds.append(session.context().seed), *arguments)
-    assert seeds == [4, 5]
+def test_of_several_unfinished_versions_one_can_be_chosen():
+    """Bare, it is the newest; each goes on with its own settings."""
+    seen = []
+
+    def body(session: Session) -> None:
+        config = session.config(PRESETS)
+        begin(session, config=config)
+        seen.append((session.seed, config.samples, session.version))
+
+    invoke_as("train-low", body, "--set", "samples=3")
+    invoke_as("train-low", body, "--set", "samples=5", "--seed", "4")
+    invoke_as("train-low", body, "--set", "samples=7")
+    for typed in (["--resume"], ["--resume", "2"], ["--resume=0001"], ["--resume", "--seed", "4"]):
+        result = invoke_as("train-low", body, *typed)
+        assert result.exit_code == 0, result.stderr
+    assert seen[3:] == [(0, 7, "0003"), (4, 5, "0002"), (0, 3, "0001"), (4, 5, "0002")]
+    missing = invoke_as("train-low", body, "--resume", "9")
+    assert missing.exit_code == 2
+    assert "unfinished: 0001, 0002, 0003" in missing.stderr
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        (["--set", "samples=9"], "samples was 3, is 9"),
+        (["--preset", "smoke", "--set", "samples=9"], "samples was 3, is 9"),
+        (["--seed", "5", "--set", "samples=3"], "seed was 0, is 5"),
+    ],
+)
+def test_other_work_is_not_resumed(typed, said):
+    """A training at one learning rate never goes on with another one's."""
+
+    def body(session: Session) -> None:
+        begin(session, config=session.config(PRESETS))
+
+    assert invoke_as("train-low", body, "--set", "samples=3").exit_code == 0
+    refused = invoke_as("train-low", body, "--resume", *typed)
+    assert refused.exit_code == 2
+    assert said in refused.stderr and refused.stderr.count("\n") == 1
+    assert invoke_as("train-low", body, "--resume").exit_code == 0
+
+
+def test_a_mistyped_call_in_between_changes_nothing():
+    seen = []
+
+    def body(session: Session) -> None:
+        config = session.config(PRESETS)
+        begin(session, config=config)
+        seen.append(config.samples)
+
+    invoke_as("train-low", body, "--set", "samples=3")
+    assert invoke_as("train-low", body, "--set", "sample=4").exit_code == 2
+    assert invoke_as("train-low", body, "--resume").exit_code == 0
+    assert seen == [3, 3]
 
 
 def test_resume_of_one_verb_takes_nothing_from_another():
-    seeds = []
-    invoke_as("train-low", lambda session: seeds.append(session.context().seed), "--seed", "4")
-    invoke_as("train-high", lambda session: seeds.append(session.context().seed), "--resume")
-    assert seeds == [4, 0]
+    def body(session: Session) -> None:
+        begin(session, session.verb)
+
+    invoke_as("train-low", body, "--seed", "4")
+    result = invoke_as("train-high", body, "--resume")
+    assert result.exit_code == 2
+    assert "no unfinished version of train-high" in result.stderr
+
+
+def test_a_version_that_another_verb_began_is_resumed_by_it():
+    invoke_as("run", lambda session: begin(session, "train-low"))
+    result = invoke_as("train-low", lambda session: pytest.fail("it ran"), "--resume")
+    assert result.exit_code == 2
+    assert "continue with `lacoloco run --run default --resume`" in result.stderr
 
 
 def test_body_may_answer_and_still_choose_its_exit_code():
@@ -259,8 +347,9 @@ def test_run_defaults_to_the_one_used_last():
 
 def test_context_carries_the_options():
     contexts = []
+    body = lambda session: contexts.append(session.context())  # noqa: E731
     arguments = ["--seed", "3", "--resume", "--quiet"]
-    result = invoke(lambda session: contexts.append(session.context()), *arguments)
+    result = invoke(body, *arguments, several_stages=True)
     assert result.exit_code == 0, result.output
     (context,) = contexts
     assert (context.seed, context.device, context.resume) == (3, "cpu", True)

@@ -1,10 +1,9 @@
 from io import BytesIO
 
 import numpy as np
-import pytest
 from PIL import Image
 
-from lacoloco.pipelines.viewing.gif import encode_gif, is_gif
+from lacoloco.pipelines.viewing.gif import encode_gif
 
 
 def moving_square(count=5):
@@ -25,12 +24,3 @@ def test_every_frame_is_there_in_its_colours():
         image.seek(index)
         off = np.asarray(image.convert("RGB")).astype(int) - frame
         assert np.abs(off).max() <= 8
-
-
-@pytest.mark.parametrize(
-    ("content", "found"), [(b"GIF89a...", True), (b"GIF87a", True), (b"", False), (b"PNG", False)]
-)
-def test_a_gif_is_known_by_its_first_bytes(tmp_path, content, found):
-    file = tmp_path / "picture"
-    file.write_bytes(content)
-    assert is_gif(file) is found
