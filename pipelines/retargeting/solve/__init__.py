@@ -1,7 +1,6 @@
-"""The programs of both modes, and their solvers.
+"""The programs of both modes, and Ipopt, which solves them.
 
-Mode clip has one function that solves: `interior_point.solve_stretch` takes a stretch of frames and
-gives its variables, or None. `clip_problem` calls it and nothing else of the solver. The solver's
-own files are `interior_point`, `barrier`, `clip_model`, `null_space` and `banded`. Another solver
-with the same function can take their place.
+Mode clip has one function that solves: `stretch_solver.solve_stretch` takes a stretch of frames and
+gives its variables, or None. `clip_problem` calls it and nothing else of the solver, whose own
+files are `stretch_solver`, `stretch_program` and `frame_derivatives`.
 """

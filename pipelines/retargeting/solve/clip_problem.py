@@ -20,7 +20,6 @@ from lacoloco.pipelines.retargeting.filters import smooth
 from lacoloco.pipelines.retargeting.measure.quality import LIMIT_MARGIN
 from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap, LegGeometry
 from lacoloco.pipelines.retargeting.solve.frame_functions import FrameFunctions
-from lacoloco.pipelines.retargeting.solve.interior_point import solve_stretch
 from lacoloco.pipelines.retargeting.solve.leg_reach import mend, reach
 from lacoloco.pipelines.retargeting.solve.pose_problem import (
     JOINTS,
@@ -29,6 +28,7 @@ from lacoloco.pipelines.retargeting.solve.pose_problem import (
     TrackedMotion,
     retarget_bounds,
 )
+from lacoloco.pipelines.retargeting.solve.stretch_solver import solve_stretch
 from lacoloco.pipelines.retargeting.targets.foot_plan import FootPlan, plan_feet
 from lacoloco.pipelines.retargeting.targets.stretch import Stretch
 from lacoloco.pipelines.retargeting.targets.targets import Targets

@@ -1,9 +1,4 @@
-"""What one frame of a clip adds to the problem of the whole clip, with first and second
-derivatives.
-
-CasADi would derive the problem of a whole clip by itself, but coloured Jacobians of thousands of
-frames cost more than the solution. One frame is derived once, symbolically, and evaluated for all.
-"""
+"""What one frame of a clip adds to the problem of the whole clip, derived once for all frames."""
 
 from __future__ import annotations
 
@@ -13,6 +8,7 @@ import numpy as np
 from lacoloco.pipelines.retargeting import forward_kinematics as kinematics
 from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap
 from lacoloco.pipelines.retargeting.solve.batched import BatchedFunction
+from lacoloco.pipelines.retargeting.solve.frame_derivatives import FrameDerivatives
 from lacoloco.pipelines.retargeting.solve.pose_problem import JOINTS, POSITION, TURN
 from lacoloco.robots.spec import RobotSpec
 
@@ -27,8 +23,7 @@ class FrameFunctions:
 
     Attributes:
         coordinates: Coordinates of frames, from variables and parameters.
-        geometry: Coordinates and their Jacobians, from the same.
-        curvature: Hessian of the coordinates' product with forces, from these in addition.
+        derivatives: The frame's cost and constraint values, with first and second derivatives.
         leg_step: Step of the joints towards feet and the neutral pose, from variables, references
             and feet, the base held.
         foot_step: The same towards the feet alone.
@@ -78,12 +73,13 @@ class FrameFunctions:
         self.knees, self.hips = knees, len(hips)
 
     def _derive(self, x: ca.SX, parameters: ca.SX, coordinates: ca.SX) -> None:
-        at, forces = [x, parameters], ca.SX.sym("forces", coordinates.numel())
-        jacobian = ca.jacobian(coordinates, x)
-        curvature = ca.hessian(ca.dot(forces, coordinates), x)[0]
-        self.coordinates = BatchedFunction(ca.Function("coordinates", at, [coordinates]))
-        self.geometry = BatchedFunction(ca.Function("geometry", at, [coordinates, jacobian]))
-        self.curvature = BatchedFunction(ca.Function("curvature", [*at, forces], [curvature]))
+        missed = coordinates[: parameters.numel() - 4] - parameters[4:]
+        turned = x[JOINTS] - ca.DM(self.neutral)
+        residuals = ca.vertcat(missed, np.sqrt(self.posture_weight) * turned)
+        values = coordinates[self.value_rows.tolist()]
+        self.derivatives = FrameDerivatives(x, parameters, residuals, values)
+        function = ca.Function("coordinates", [x, parameters], [coordinates])
+        self.coordinates = BatchedFunction(function)
 
 
 def _leg_step(

