@@ -145,11 +145,26 @@ def check_config(config: Any, where: str = "") -> None:
             if type(value) is not hint:
                 raise ConfigError(f"{path}={_shown(value)}: use a group of fields")
             check_config(value, f"{path}.")
-        elif not _fits(value, hint):
-            raise ConfigError(f"{path}={_shown(value)}: use {allowed(hint)}")
+        else:
+            check_value(value, hint, f"{path}={_shown(value)}")
     conflict = getattr(config, "conflict", None)
     if conflict is not None and (told := conflict()):
         raise ConfigError(f"{where}{told}")
+
+
+def check_value(value: Any, hint: Any, called: str) -> None:
+    """Hold one value to the annotation of its field.
+
+    Args:
+        value: The value.
+        hint: The annotation, with its rules.
+        called: How a message names field and value, as they were given.
+
+    Raises:
+        ConfigError: It is not as declared.
+    """
+    if not _fits(value, hint):
+        raise ConfigError(f"{called}: use {allowed(hint)}")
 
 
 def fields_of(kind: type) -> Iterator[tuple[str, Any]]:

@@ -131,10 +131,16 @@ class RetargetOptions:
 
         Raises:
             UserError: Unknown mode.
+            ConfigError: A value that its field does not allow; the message names the option.
         """
+        from lacoloco.datasets.config_values import check_value, fields_of
+
         if self.mode not in (None, *MODES):
             raise UserError(f"--mode {self.mode}: use {' or '.join(MODES)}")
         given = {key: value for key, value in vars(self).items() if value is not None}
+        hints = dict(fields_of(type(config)))
+        for name, value in given.items():
+            check_value(value, hints[name], f"--{name.replace('_', '-')} {value}")
         return replace(config, **given)
 
 
