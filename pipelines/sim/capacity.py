@@ -44,14 +44,14 @@ def find_capacity(model: mujoco.MjModel, seed: int = 0) -> Capacity:
     Raises:
         StageError: an override is not a positive whole number.
     """
-    draw, data = np.random.default_rng(seed), mujoco.MjData(model)
+    generator, data = np.random.default_rng(seed), mujoco.MjData(model)
     lower, upper = model.jnt_range[1:].T
     reach = model.stat.extent
     contacts = constraints = 1
     for _ in range(POSES):
-        data.qpos[:3] = 0.0, 0.0, draw.uniform(0.0, 0.5 * reach)
-        data.qpos[3:7] = draw.normal(size=4)
-        data.qpos[7:] = draw.uniform(lower - 0.1, upper + 0.1)
+        data.qpos[:3] = 0.0, 0.0, generator.uniform(0.0, 0.5 * reach)
+        data.qpos[3:7] = generator.normal(size=4)
+        data.qpos[7:] = generator.uniform(lower - 0.1, upper + 0.1)
         mujoco.mj_normalizeQuat(model, data.qpos)
         mujoco.mj_fwdPosition(model, data)
         contacts, constraints = max(contacts, data.ncon), max(constraints, data.nefc)

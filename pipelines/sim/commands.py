@@ -25,7 +25,7 @@ class Command(Protocol):
 
     term: ClassVar[Term]
 
-    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def sample(self, origin: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(K, 3) new commands for K worlds around ``origin`` (K, 3) [m]."""
         ...
 
@@ -47,10 +47,12 @@ class VelocityCommand:
     yaw_rate: Range
     standing: Share = 0.02
 
-    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def sample(self, origin: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(K, 3) new commands for K worlds; ``origin`` (K, 3) only gives the count."""
-        command = uniform((self.forward, self.lateral, self.yaw_rate), len(origin), draw)
-        moving = torch.rand(len(origin), generator=draw, device=draw.device) >= self.standing
+        command = uniform((self.forward, self.lateral, self.yaw_rate), len(origin), generator)
+        moving = (
+            torch.rand(len(origin), generator=generator, device=generator.device) >= self.standing
+        )
         return command * moving[:, None]
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
@@ -76,17 +78,19 @@ class TargetCommand:
     radius: Length | None = None
     near: Share = 0.0
 
-    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def sample(self, origin: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(K, 3) world targets around ``origin`` (K, 3) [m]."""
-        target = uniform((self.x, self.y, self.z), len(origin), draw)
+        target = uniform((self.x, self.y, self.z), len(origin), generator)
         if self.radius is not None:
-            angle = uniform(((-torch.pi, torch.pi),), len(origin), draw)[:, 0]
+            angle = uniform(((-torch.pi, torch.pi),), len(origin), generator)[:, 0]
             target[:, 0], target[:, 1] = (
                 self.radius * torch.cos(angle),
                 self.radius * torch.sin(angle),
             )
         if self.near > 0.0:
-            chance, factor = torch.rand(2, len(origin), 1, generator=draw, device=draw.device)
+            chance, factor = torch.rand(
+                2, len(origin), 1, generator=generator, device=generator.device
+            )
             target[:, :2] *= torch.where(chance < self.near, factor, 1.0)
         target[:, :2] += origin[:, :2]
         return target
@@ -106,9 +110,9 @@ class HeadingCommand:
 
     most: Angle = torch.pi
 
-    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def sample(self, origin: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(K, 3) unit vectors in the world; ``origin`` (K, 3) only gives the count."""
-        angle = uniform(((-self.most, self.most),), len(origin), draw)[:, 0]
+        angle = uniform(((-self.most, self.most),), len(origin), generator)[:, 0]
         return torch.stack((torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)), dim=-1)
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
@@ -124,9 +128,9 @@ class HeightCommand:
 
     height: Range
 
-    def sample(self, origin: torch.Tensor, draw: torch.Generator) -> torch.Tensor:
+    def sample(self, origin: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(K, 3) points of which only z is asked for; ``origin`` (K, 3) only gives the count."""
-        return uniform(((0.0, 0.0), (0.0, 0.0), self.height), len(origin), draw)
+        return uniform(((0.0, 0.0), (0.0, 0.0), self.height), len(origin), generator)
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
         """(N, 1) the height itself."""
@@ -151,10 +155,12 @@ COMMANDS: dict[str, type] = {
 }
 
 
-def uniform(ranges: tuple[Range, ...], count: int, draw: torch.Generator) -> torch.Tensor:
+def uniform(ranges: tuple[Range, ...], count: int, generator: torch.Generator) -> torch.Tensor:
     """(count, len(ranges)) float32 on the generator's device, column i uniform in ranges[i]."""
-    low, high = _bounds(ranges, draw.device)
-    return low + (high - low) * torch.rand(count, len(ranges), generator=draw, device=draw.device)
+    low, high = _bounds(ranges, generator.device)
+    return low + (high - low) * torch.rand(
+        count, len(ranges), generator=generator, device=generator.device
+    )
 
 
 @lru_cache(maxsize=256)

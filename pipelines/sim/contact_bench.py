@@ -177,10 +177,10 @@ def _seconds(models: Sequence[mujoco.MjModel], substeps: Sequence[int]) -> np.nd
 
 
 def _turn(batch: Batch, model: mujoco.MjModel, substeps: int) -> float:
-    draw = np.random.default_rng(0)
+    generator = np.random.default_rng(0)
     begin = time.process_time()
     for _ in range(STEPS):
-        swing = draw.normal(0.0, 0.1, (WORLDS, model.nu))
+        swing = generator.normal(0.0, 0.1, (WORLDS, model.nu))
         batch.bind("ctrl")[:] = model.key_qpos[0, 7:] + swing
         batch.step(nstep=substeps)
     return time.process_time() - begin

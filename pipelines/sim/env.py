@@ -82,14 +82,14 @@ class LeggedEnv:
         request = PhysicsRequest(spec, num_worlds, task.training_limits)
         self.physics = physics or make_physics(request, device)
         self.device = self.physics.device
-        self.draw = torch.Generator(self.device).manual_seed(seed)
+        self.generator = torch.Generator(self.device).manual_seed(seed)
         self._chain = EndEffectorChain(spec, self.device)
         joints = len(spec.joint_names)
         self.default_joint_pos = torch.tensor(spec.default_joint_pos, device=self.device)
         sideways = [spec.joint_names.index(name) for name in spec.abduction_joints]
         self.abduction_columns = torch.tensor(sideways, dtype=torch.long, device=self.device)
         self.num_actions = joints
-        self._starts = StandingStarts(spec, task.reset.joint_scale, self.draw, self.device)
+        self._starts = StandingStarts(spec, task.reset.joint_scale, self.generator, self.device)
         self._falls = slice(
             0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies)
         )
@@ -105,7 +105,9 @@ class LeggedEnv:
         self._resample_at = torch.zeros_like(self.steps)
         self._push_at = torch.zeros_like(self.steps)
         self.diverged_total = torch.zeros((), dtype=torch.long, device=self.device)
-        self.parameters = draw_parameters(task.randomisation, num_worlds, len(spec.feet), self.draw)
+        self.parameters = draw_parameters(
+            task.randomisation, num_worlds, len(spec.feet), self.generator
+        )
         self.physics.set_parameters(self.parameters)
         self._tip: torch.Tensor | None = None
         self._read()
@@ -171,12 +173,14 @@ class LeggedEnv:
         worlds = select(mask)
         if not len(worlds):
             return
-        qpos, qvel = self._starts.anywhere(self.task.reset, len(worlds), self.draw)
+        qpos, qvel = self._starts.anywhere(self.task.reset, len(worlds), self.generator)
         if self.motions is not None and self.task.reset.clip_share > 0.0:
             chosen = select(self._uniform(len(worlds)) < pick(self.clip_share, worlds))
             if len(chosen):
                 for target, value in zip(
-                    (qpos, qvel), clip_starts(self.motions, len(chosen), self.draw), strict=True
+                    (qpos, qvel),
+                    clip_starts(self.motions, len(chosen), self.generator),
+                    strict=True,
                 ):
                     put(target, chosen, value)
         self.physics.reset(worlds, qpos, qvel)
@@ -210,7 +214,7 @@ class LeggedEnv:
         that began anew since the last call.
         """
         others = draw_parameters(
-            self.task.randomisation, self.num_worlds, len(self.spec.feet), self.draw
+            self.task.randomisation, self.num_worlds, len(self.spec.feet), self.generator
         )
         self.parameters = self.parameters.replaced(mask, others)
         self.physics.set_parameters(self.parameters)
@@ -227,7 +231,7 @@ class LeggedEnv:
         """
         shape = (self.num_worlds,)
         ages = torch.randint(
-            0, self.task.episode_steps // hold, shape, generator=self.draw, device=self.device
+            0, self.task.episode_steps // hold, shape, generator=self.generator, device=self.device
         )
         self.steps = hold * ages
 
@@ -267,7 +271,7 @@ class LeggedEnv:
         return {
             "physics": self.physics.state_dict(),
             "parameters": self.parameters.columns(),
-            "draw": self.draw.get_state(),
+            "generator": self.generator.get_state(),
             "feet": self.feet.state_dict(),
             "diverged_total": self.diverged_total,
             **tensors,
@@ -279,7 +283,7 @@ class LeggedEnv:
         self.parameters = WorldParameters(**columns)
         self.physics.set_parameters(self.parameters)
         self.physics.load_state_dict(state["physics"])
-        self.draw.set_state(state["draw"])
+        self.generator.set_state(state["generator"])
         self.feet.load_state_dict(state["feet"])
         self.diverged_total = torch.as_tensor(state["diverged_total"], device=self.device)
         for key in _STATE:
@@ -303,7 +307,7 @@ class LeggedEnv:
         worlds = select(self.steps >= self._push_at)
         if not len(worlds):
             return
-        velocity = uniform(((-strength, strength),) * 6, len(worlds), self.draw)
+        velocity = uniform(((-strength, strength),) * 6, len(worlds), self.generator)
         velocity[:, 2] = 0.0
         self.physics.push(worlds, velocity)
         self._read()
@@ -322,15 +326,15 @@ class LeggedEnv:
     def _commands(self, count: int) -> torch.Tensor:
         # Targets are relative to the middle of the reset spread, the worlds' origin.
         assert self.task.command is not None
-        return self.task.command.sample(torch.zeros(count, 3, device=self.device), self.draw)
+        return self.task.command.sample(torch.zeros(count, 3, device=self.device), self.generator)
 
     def _later(self, seconds: tuple[float, float] | None, count: int) -> torch.Tensor:
         if seconds is None:
             return torch.full((count,), self.task.episode_steps + 1, device=self.device)
-        return (uniform((seconds,), count, self.draw)[:, 0] / CONTROL_DT).long()
+        return (uniform((seconds,), count, self.generator)[:, 0] / CONTROL_DT).long()
 
     def _uniform(self, *shape: int) -> torch.Tensor:
-        return torch.rand(shape, generator=self.draw, device=self.device)
+        return torch.rand(shape, generator=self.generator, device=self.device)
 
 
 _STATE = ("steps", "action", "command", "_resample_at", "_push_at")

@@ -30,12 +30,12 @@ class StandingStarts:
     """A pool of poses: default joint angles times independent factors from ``joint_scale``."""
 
     def __init__(
-        self, spec: RobotSpec, joint_scale: Range, draw: torch.Generator, device: torch.device
+        self, spec: RobotSpec, joint_scale: Range, generator: torch.Generator, device: torch.device
     ) -> None:
         """Draw the pool and measure its heights; the pool has one pose where there is no spread."""
         count = POOL if joint_scale[0] < joint_scale[1] else 1
         joints = len(spec.joint_names)
-        scale = uniform((joint_scale,) * joints, count, draw).to(device)
+        scale = uniform((joint_scale,) * joints, count, generator).to(device)
         self.joint_pos = torch.tensor(spec.default_joint_pos, device=device) * scale
         heights = [
             standing_height(spec.model(), pose, spec.feet)
@@ -44,7 +44,7 @@ class StandingStarts:
         self.height = torch.tensor(heights, dtype=torch.float32, device=device)
 
     def anywhere(
-        self, start: ResetConfig, count: int, draw: torch.Generator
+        self, start: ResetConfig, count: int, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """(count, 7 + J), (count, 6 + J): standing with the feet on the ground, anywhere, any
         heading.
@@ -52,31 +52,33 @@ class StandingStarts:
         planar = uniform(
             ((-start.position, start.position),) * 2 + ((-start.heading, start.heading),),
             count,
-            draw,
+            generator,
         )
-        joint_pos, height = self.draw(count, draw)
+        joint_pos, height = self.draw(count, generator)
         qpos = torch.cat(
             (planar[:, :2], height[:, None], from_yaw(planar[:, 2]), joint_pos), dim=-1
         )
-        linear = uniform(((-start.lin_vel, start.lin_vel),) * 3, count, draw)
-        angular = uniform(((-start.ang_vel, start.ang_vel),) * 3, count, draw)
+        linear = uniform(((-start.lin_vel, start.lin_vel),) * 3, count, generator)
+        angular = uniform(((-start.ang_vel, start.ang_vel),) * 3, count, generator)
         return qpos, torch.cat((linear, angular, torch.zeros_like(joint_pos)), dim=-1)
 
-    def draw(self, count: int, draw: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    def draw(self, count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         """(count, J) joint angles [rad] and (count,) base heights [m]."""
-        chosen = torch.randint(0, len(self.height), (count,), generator=draw, device=draw.device)
+        chosen = torch.randint(
+            0, len(self.height), (count,), generator=generator, device=generator.device
+        )
         return self.joint_pos[chosen], self.height[chosen]
 
 
 def clip_starts(
-    motions: MotionLibrary, count: int, draw: torch.Generator
+    motions: MotionLibrary, count: int, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """(count, 7 + J), (count, 6 + J): a random moment of a random clip, heading re-drawn,
     velocities turned with it.
     """
-    clips, times = motions.sample(count, generator=draw)
+    clips, times = motions.sample(count, generator=generator)
     frames = motions.frames(clips, times)
-    heading = from_yaw(uniform(((-torch.pi, torch.pi),), count, draw)[:, 0])
+    heading = from_yaw(uniform(((-torch.pi, torch.pi),), count, generator)[:, 0])
     quat = multiply(heading, frames.root_quat)
     position = torch.zeros_like(frames.root_pos)
     position[:, 2] = frames.root_pos[:, 2]

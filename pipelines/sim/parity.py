@@ -47,11 +47,11 @@ def check_parity(spec: RobotSpec, device: str, worlds: int = 256) -> dict[str, f
         raise StageError(f"{error.name} is missing; pip install 'lacoloco[gpu]'") from error
     request = PhysicsRequest(spec, worlds)
     engines: tuple[Physics, Physics] = (WarpPhysics(request, device), BatchPhysics(request))
-    draw = torch.Generator().manual_seed(0)
-    parameters = _parameters(worlds, len(spec.feet), draw)
+    generator = torch.Generator().manual_seed(0)
+    parameters = _parameters(worlds, len(spec.feet), generator)
     for engine in engines:
         engine.set_parameters(parameters)
-    rounds = [_one_step(spec, engines, worlds, draw) for _ in range(ROUNDS)]
+    rounds = [_one_step(spec, engines, worlds, generator) for _ in range(ROUNDS)]
     figures = {
         name: float(torch.cat([differences[name] for differences in rounds]).quantile(SHARE))
         for name in rounds[0]
@@ -69,11 +69,11 @@ def check_parity(spec: RobotSpec, device: str, worlds: int = 256) -> dict[str, f
 
 
 def _one_step(
-    spec: RobotSpec, engines: tuple[Physics, Physics], worlds: int, draw: torch.Generator
+    spec: RobotSpec, engines: tuple[Physics, Physics], worlds: int, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
     """(N,) largest difference per world and quantity after one control step."""
-    qpos, qvel = near_the_ground(spec, worlds, draw)
-    targets = qpos[:, 7:] + 0.2 * torch.randn(worlds, spec.num_joints, generator=draw)
+    qpos, qvel = near_the_ground(spec, worlds, generator)
+    targets = qpos[:, 7:] + 0.2 * torch.randn(worlds, spec.num_joints, generator=generator)
     for engine in engines:
         values = (value.to(engine.device) for value in (torch.arange(worlds), qpos, qvel))
         engine.reset(*values)
@@ -92,21 +92,21 @@ def _difference(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
 
 
 def near_the_ground(
-    spec: RobotSpec, worlds: int, draw: torch.Generator
+    spec: RobotSpec, worlds: int, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """(N, 7 + J), (N, 6 + J): tilted robots in motion, the lowest foot up to 10 mm in the floor or
     above it.
     """
     model, joints = compile_scene(spec), spec.num_joints
     qpos = torch.zeros(worlds, 7 + joints)
-    qpos[:, 3], qpos[:, 4:7] = 1.0, 0.1 * torch.randn(worlds, 3, generator=draw)
+    qpos[:, 3], qpos[:, 4:7] = 1.0, 0.1 * torch.randn(worlds, 3, generator=generator)
     qpos[:, 3:7] /= qpos[:, 3:7].norm(dim=-1, keepdim=True)
     qpos[:, 7:] = torch.tensor(spec.default_joint_pos) + 0.1 * torch.randn(
-        worlds, joints, generator=draw
+        worlds, joints, generator=generator
     )
-    gap = 0.01 * (2.0 * torch.rand(worlds, generator=draw) - 1.0)
+    gap = 0.01 * (2.0 * torch.rand(worlds, generator=generator) - 1.0)
     qpos[:, 2] = gap - torch.tensor(list(_lowest_feet(spec, model, qpos)))
-    return qpos, 0.5 * torch.randn(worlds, 6 + joints, generator=draw)
+    return qpos, 0.5 * torch.randn(worlds, 6 + joints, generator=generator)
 
 
 def _lowest_feet(spec: RobotSpec, model: mujoco.MjModel, qpos: torch.Tensor) -> Iterator[float]:
@@ -117,9 +117,9 @@ def _lowest_feet(spec: RobotSpec, model: mujoco.MjModel, qpos: torch.Tensor) -> 
         yield min(data.body(name).xpos[2] for name in spec.feet) - spec.foot_radius()
 
 
-def _parameters(worlds: int, feet: int, draw: torch.Generator) -> WorldParameters:
+def _parameters(worlds: int, feet: int, generator: torch.Generator) -> WorldParameters:
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
-        return low + (high - low) * torch.rand(*shape, generator=draw)
+        return low + (high - low) * torch.rand(*shape, generator=generator)
 
     return WorldParameters(
         friction=uniform(0.4, 1.4, worlds),

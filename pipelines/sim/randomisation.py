@@ -79,7 +79,7 @@ def _widened_ratio(span: Range, factor: float) -> Range:
 
 
 def draw_parameters(
-    config: Randomisation, count: int, feet: int, draw: torch.Generator
+    config: Randomisation, count: int, feet: int, generator: torch.Generator
 ) -> WorldParameters:
     """Independent uniform parameters for ``count`` worlds of a robot with so many feet."""
     com = config.base_com
@@ -92,7 +92,7 @@ def draw_parameters(
         *((-com, com),) * 3,
         *(config.foot_friction,) * feet,
     )
-    columns = uniform(ranges, count, draw)
+    columns = uniform(ranges, count, generator)
     friction, mass, inertia, time, damping = columns[:, :5].unbind(dim=1)
     return WorldParameters(
         friction=friction,

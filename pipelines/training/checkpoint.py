@@ -17,10 +17,12 @@ from lacoloco.pipelines.training.trainer import Trainer
 CHECKPOINT = "lacoloco/checkpoint"
 LAYOUT = 2
 """Of a trainer's state: counts up when its parts are renamed."""
-INDIVIDUAL = ("env", "latent", "latents", "restarts", "exploring", "generator", "draw")
+INDIVIDUAL = ("env", "latent", "latents", "restarts", "exploring", "generator")
 """Parts of a trainer's state that every process of a training has for itself: its worlds and its
 generators.
 """
+OLD_PARTS = {"draw": "generator"}
+"""Names that parts of a trainer's state had in earlier versions -> today's."""
 
 
 def checkpoint_path(directory: Path, description: str) -> Path:
@@ -97,6 +99,7 @@ def restore_checkpoint(
             "start the training again"
         )
     state = unflatten_state(artifact.arrays, artifact.metadata["structure"])
+    state["trainer"] = _under_todays_names(state["trainer"])
     iteration = int(artifact.metadata["iteration"])
     if parallel.rank() == 0 and artifact.metadata.get("processes", 1) == parallel.size():
         trainer.load_state_dict(state["trainer"])
@@ -110,6 +113,14 @@ def restore_checkpoint(
         trainer.load_state_dict(_with_own(state["trainer"], trainer.state_dict()))
         torch.manual_seed(parallel.own_seed(seed) + iteration)
     return iteration, float(artifact.metadata["elapsed_s"]), state["metrics"]
+
+
+def _under_todays_names(state: dict[str, Any]) -> dict[str, Any]:
+    """``state`` with the parts of :data:`OLD_PARTS` renamed, at every depth."""
+    return {
+        OLD_PARTS.get(name, name): _under_todays_names(value) if isinstance(value, dict) else value
+        for name, value in state.items()
+    }
 
 
 def _with_own(loaded: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:

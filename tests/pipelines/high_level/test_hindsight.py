@@ -21,7 +21,7 @@ COMMAND = TargetCommand(radius=1.5, z=(0.16, 0.42))
 CONFIG = HindsightConfig(steps=300, batch=256)
 
 
-def draw(seed=0):
+def generator(seed=0):
     return torch.Generator().manual_seed(seed)
 
 
@@ -39,7 +39,7 @@ def memory(moves, worlds=64, steps=6):
     return RelabellingBuffer(
         obs=torch.zeros(steps, worlds, 10),
         latent=torch.nn.functional.normalize(
-            torch.randn(steps, worlds, 7, generator=draw()), dim=-1
+            torch.randn(steps, worlds, 7, generator=generator()), dim=-1
         ),
         end_effector=tip,
         root_pos=place,
@@ -60,7 +60,7 @@ def test_a_latent_ends_with_its_hold_or_its_episode():
 
 def test_where_the_foot_was_lifted_to_is_the_target():
     """Straight up by 6 cm a decision: too low to be a target at first, and no step."""
-    target, rows, weight = relabel(memory((0.0, 0.0, 0.06)), COMMAND, DISTANCES, 2000, draw())
+    target, rows, weight = relabel(memory((0.0, 0.0, 0.06)), COMMAND, DISTANCES, 2000, generator())
     assert torch.allclose(target[:, :2], torch.zeros(2000, 2), atol=1e-5), "base frame"
     height = (target[:, 2] / 0.06).round()
     assert torch.allclose(target[:, 2], 0.06 * height, atol=1e-5)
@@ -70,7 +70,7 @@ def test_where_the_foot_was_lifted_to_is_the_target():
 
 
 def test_a_latent_that_walks_serves_all_targets_in_its_direction():
-    target, rows, weight = relabel(memory((0.2, 0.1, 0.0)), COMMAND, DISTANCES, 4000, draw())
+    target, rows, weight = relabel(memory((0.2, 0.1, 0.0)), COMMAND, DISTANCES, 4000, generator())
     start = 0.2 * (rows // 64)[:, None] * torch.tensor([1.0, 0.5])
     away = target[:, :2] - start
     distance = away.norm(dim=-1)
@@ -85,13 +85,13 @@ def test_a_latent_that_walks_serves_all_targets_in_its_direction():
 
 def test_what_leads_nowhere_serves_nothing():
     assert not relabel(
-        memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), DISTANCES, 100, draw()
+        memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), DISTANCES, 100, generator()
     )[2].any()
     ended = memory((0.2, 0.0, 0.0))
     ended = RelabellingBuffer(
         **{**vars(ended), "segment_end": torch.arange(6)[:, None].expand(6, 64)}
     )
-    assert not relabel(ended, COMMAND, DISTANCES, 100, draw())[2].any(), (
+    assert not relabel(ended, COMMAND, DISTANCES, 100, generator())[2].any(), (
         "no later decision under the same latent"
     )
 
@@ -99,7 +99,7 @@ def test_what_leads_nowhere_serves_nothing():
 def test_a_policy_learns_which_latent_leads_where():
     """Latents whose first two numbers are the direction in which the foot goes."""
     worlds, steps = 256, 4
-    angle = torch.rand(worlds, generator=draw(1)) * 2 * torch.pi
+    angle = torch.rand(worlds, generator=generator(1)) * 2 * torch.pi
     direction = torch.stack((angle.cos(), angle.sin(), torch.zeros(worlds)), dim=-1)
     base = memory((0.0, 0.0, 0.0), worlds, steps)
     upright = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(steps, worlds, 4)
@@ -117,4 +117,4 @@ def test_a_policy_learns_which_latent_leads_where():
     torch.manual_seed(0)
     actor = make_actor({"policy": 44}, 7, NetworkConfig(actor=(64, 64)))
     columns = {"target": slice(34, 37), "last_latent": slice(37, 44)}
-    assert clone_hindsight(actor, moving, COMMAND, columns, DISTANCES, CONFIG, draw()) > 0.95
+    assert clone_hindsight(actor, moving, COMMAND, columns, DISTANCES, CONFIG, generator()) > 0.95

@@ -97,7 +97,7 @@ def test_style_reward_by_hand(make_ase):
     }
     ase = make_ase(**config)
     guess = torch.tensor([1.0, 0.0, 0.0])
-    ase.discriminator.logits = lambda transition, draw: torch.zeros(len(transition))
+    ase.discriminator.logits = lambda transition, generator: torch.zeros(len(transition))
     ase.encoder = lambda transition: guess.repeat(len(transition), 1)
     ase.compute_returns(fill(ase, reward=0.3))
     skill = ase.storage.observations["latent"][..., 0].clamp_min(0.0)
@@ -134,9 +134,9 @@ def spy(ase):
     """Record what the discriminator is shown as the agent's."""
     seen, loss = [], ase.discriminator.loss
 
-    def watched(agent, demo, draw):
+    def watched(agent, demo, generator):
         seen.append(agent.detach())
-        return loss(agent, demo, draw)
+        return loss(agent, demo, generator)
 
     ase.discriminator.loss = watched
     return seen
@@ -257,7 +257,7 @@ def test_the_encoder_learns_from_the_latent_in_force(make_ase):
 def test_rewards_under_constraints_are_scaled_once(make_ase):
     """r (1 - delta) in the returns; the stored style reward stays whole."""
     ase = make_ase(horizon=1, discriminator="gan", encoder_weight=0.0, reward_scale=1.0)
-    ase.discriminator.logits = lambda transition, draw: torch.zeros(len(transition))
+    ase.discriminator.logits = lambda transition, generator: torch.zeros(len(transition))
     everyone = torch.ones(WORLDS, dtype=torch.bool)
     ase.act(observe(WORLDS, 0))
     ase.record_transition(torch.zeros(WORLDS, 2), torch.zeros(WORLDS, 2), everyone)
@@ -286,8 +286,8 @@ def test_save_and_load_go_on_bit_for_bit(make_ase, discriminator):
 def test_an_anchored_encoder_learns_the_latents_of_demonstrations(make_ase):
     """Label and transition are related, so that the encoder can agree with them."""
 
-    def labelled(count, draw):
-        transitions = torch.randn(count, 4, generator=draw)
+    def labelled(count, generator):
+        transitions = torch.randn(count, 4, generator=generator)
         return transitions, project(transitions[:, :LATENT])
 
     ase = make_ase(encoder_learning_rate=3e-3)
@@ -304,8 +304,8 @@ def test_an_anchored_encoder_learns_the_latents_of_demonstrations(make_ase):
 def test_the_anchor_holds_while_the_policy_says_otherwise(make_ase):
     """Random latents say nothing about random transitions: only the labels can keep the encoder."""
 
-    def labelled(count, draw):
-        transitions = torch.randn(count, 4, generator=draw)
+    def labelled(count, generator):
+        transitions = torch.randn(count, 4, generator=generator)
         return transitions, project(transitions[:, :LATENT])
 
     kept = {}

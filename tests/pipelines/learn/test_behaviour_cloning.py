@@ -22,10 +22,10 @@ def cloned():
     view hides it.
     """
     torch.manual_seed(0)
-    draw = torch.Generator().manual_seed(0)
+    generator = torch.Generator().manual_seed(0)
     kinds = torch.arange(40) % 2
     kind = torch.repeat_interleave(kinds, CLIP)
-    frames = torch.randn(len(kind), 6, generator=draw)
+    frames = torch.randn(len(kind), 6, generator=generator)
     seen = frames.clone()
     frames[:, 0] = 2.0 * kind - 1.0 + 0.3 * frames[:, 0]
     last = torch.repeat_interleave((torch.arange(40) + 1) * CLIP - 1, CLIP)
@@ -37,9 +37,9 @@ def cloned():
     data = CloningData(seen, torch.zeros_like(actions), actions, torch.zeros(8), 0.1)
 
     def starts(count):
-        return torch.randint(0, len(kind) - 1, (count,), generator=draw)
+        return torch.randint(0, len(kind) - 1, (count,), generator=generator)
 
-    error = clone(actor, embedding, data, starts, steps=400, batch=256, generator=draw)
+    error = clone(actor, embedding, data, starts, steps=400, batch=256, generator=generator)
     return actor, embedding, data, kind, error
 
 

@@ -47,9 +47,9 @@ def test_logit_is_the_scaled_difference_of_two_mean_errors():
     """Against the definition, one label and one diffusion time at a time."""
     network, count = make(), 5
     sample = torch.randn(count, 6, generator=generator())
-    draw = generator(1)
-    times = network._times(count, draw)
-    noise = torch.randn(count, SMALL.samples, 6, generator=draw)
+    random = generator(1)
+    times = network._times(count, random)
+    noise = torch.randn(count, SMALL.samples, 6, generator=random)
     errors = torch.zeros(2, count)
     for label in (0, 1):
         for row in range(count):
@@ -122,17 +122,17 @@ def test_every_weight_that_can_matter_learns():
 
 def test_it_learns_to_tell_two_clouds_apart():
     """Demonstrations around +1, agent around -1 in one direction of six."""
-    network, draw = make(DrailConfig(hidden=32, layers=2)), generator(5)
+    network, random = make(DrailConfig(hidden=32, layers=2)), generator(5)
     offset = torch.zeros(6)
     offset[2] = 1.0
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
     for _ in range(150):
-        demo = 0.3 * torch.randn(128, 6, generator=draw) + offset
-        agent = 0.3 * torch.randn(128, 6, generator=draw) - offset
-        loss, _ = network.loss(agent, demo, draw)
+        demo = 0.3 * torch.randn(128, 6, generator=random) + offset
+        agent = 0.3 * torch.randn(128, 6, generator=random) - offset
+        loss, _ = network.loss(agent, demo, random)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    _, figures = network.loss(agent, demo, draw)
+    _, figures = network.loss(agent, demo, random)
     assert float(figures["agent_accuracy"]) > 0.9
     assert float(figures["demo_accuracy"]) > 0.9

@@ -12,7 +12,7 @@ def make(**changes):
     return GanDiscriminator(5, GanConfig(hidden=(16, 8), **{"noise": 0.0, **changes})).double()
 
 
-def draw():
+def generator():
     return torch.Generator().manual_seed(2)
 
 
@@ -24,7 +24,7 @@ def data():
 def test_gradient_penalty_is_the_mean_squared_slope_on_demonstrations():
     """Against central differences."""
     network, (agent, demo) = make(), data()
-    _, figures = network.loss(agent, demo, draw())
+    _, figures = network.loss(agent, demo, generator())
     step, slopes = 1e-5, []
     with torch.no_grad():
         for column in range(5):
@@ -32,7 +32,8 @@ def test_gradient_penalty_is_the_mean_squared_slope_on_demonstrations():
             ahead[:, column] += step
             behind[:, column] -= step
             slopes.append(
-                (network.logits(ahead, draw()) - network.logits(behind, draw())) / (2 * step)
+                (network.logits(ahead, generator()) - network.logits(behind, generator()))
+                / (2 * step)
             )
     expected = torch.stack(slopes, dim=1).square().sum(dim=1).mean()
     assert float(figures["gradient_penalty"]) == pytest.approx(float(expected), rel=1e-6)
@@ -40,8 +41,8 @@ def test_gradient_penalty_is_the_mean_squared_slope_on_demonstrations():
 
 def test_loss_is_the_sum_of_its_parts():
     network, (agent, demo) = make(gradient_penalty=5.0, logit_decay=0.01), data()
-    loss, figures = network.loss(agent, demo, draw())
-    bce, _ = classification(network.logits(agent, draw()), network.logits(demo, draw()))
+    loss, figures = network.loss(agent, demo, generator())
+    bce, _ = classification(network.logits(agent, generator()), network.logits(demo, generator()))
     decay = network.mlp[-1].weight.square().sum()
     expected = bce + 5.0 * figures["gradient_penalty"] + 0.01 * decay
     assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=1e-9)
@@ -53,16 +54,16 @@ def test_the_penalty_acts_on_the_weights():
     gradients = []
     for weight in (0.0, 5.0):
         network = make(gradient_penalty=weight)
-        network.loss(agent, demo, draw())[0].backward()
+        network.loss(agent, demo, generator())[0].backward()
         gradients.append(network.mlp[0].weight.grad)
     assert not torch.allclose(*gradients, atol=1e-6)
 
 
 def test_demonstrations_are_not_touched():
     network, (agent, demo) = make(), data()
-    network.loss(agent, demo, draw())
+    network.loss(agent, demo, generator())
     assert not demo.requires_grad
-    assert network.logits(demo, draw()).shape == (10,)
+    assert network.logits(demo, generator()).shape == (10,)
 
 
 def test_the_logit_is_the_mean_over_noises_that_cost_no_bias():
@@ -75,7 +76,7 @@ def test_the_logit_is_the_mean_over_noises_that_cost_no_bias():
         with torch.no_grad():
             network.mlp.weight.copy_(torch.tensor([[3.0, 0.0, 4.0, 0.0, 0.0]]))
             network.mlp.bias.fill_(0.5)
-            logits = network.logits(rows, draw())
+            logits = network.logits(rows, generator())
         assert float(logits.mean()) == pytest.approx(0.5, abs=0.5)
         spread.append(float(logits.std()))
     assert spread == pytest.approx([10.0, 5.0], rel=0.05)

@@ -28,16 +28,16 @@ elsewhere.
 """
 
 
-def learn_control(mine, draw):
+def learn_control(mine, generator):
     """PPO under a constraint, on worlds ``mine`` of those that ``draw`` makes up."""
     count = mine.stop - mine.start
     algorithm = Ppo({"policy": OBS}, ACTIONS, count, PPO, NETWORKS)
     terminations = SoftTerminations({"force": 0.5})
     for _ in range(ITERATIONS):
-        obs = (torch.randn(HORIZON + 1, WORLDS, OBS, generator=draw) * WIDER)[:, mine]
-        noise = torch.randn(HORIZON, WORLDS, ACTIONS, generator=draw)[:, mine]
-        margin = torch.randn(HORIZON, WORLDS, 2, generator=draw)[:, mine]
-        fell = (torch.rand(HORIZON, WORLDS, generator=draw) < 0.1)[:, mine]
+        obs = (torch.randn(HORIZON + 1, WORLDS, OBS, generator=generator) * WIDER)[:, mine]
+        noise = torch.randn(HORIZON, WORLDS, ACTIONS, generator=generator)[:, mine]
+        margin = torch.randn(HORIZON, WORLDS, 2, generator=generator)[:, mine]
+        fell = (torch.rand(HORIZON, WORLDS, generator=generator) < 0.1)[:, mine]
         for step in range(HORIZON):
             algorithm.act(groups(obs[step]))
             action = explore(algorithm, noise[step])
@@ -54,7 +54,7 @@ def learn_control(mine, draw):
     }
 
 
-def learn_style(mine, draw):
+def learn_style(mine, generator):
     """Discriminator and encoder; every batch takes each of the rollout's transitions, none from
     memory, once.
     """
@@ -92,11 +92,11 @@ def learn_style(mine, draw):
     # Instead of the process's own memory: as many zeros again, the same for all.
     ase.replay.sample = lambda rows: torch.zeros(rows, 4)
     for _ in range(ITERATIONS):
-        older = torch.randn(HORIZON, WORLDS, 2, generator=draw) * 0.5 + 1.0
+        older = torch.randn(HORIZON, WORLDS, 2, generator=generator) * 0.5 + 1.0
         older = torch.where(WIDER > 1.0, older - 4.0, older)[:, mine]  # half of it is easily told
-        obs = torch.randn(HORIZON + 1, WORLDS, OBS, generator=draw)[:, mine]
-        z = project(torch.randn(HORIZON + 1, WORLDS, LATENT, generator=draw))[:, mine]
-        noise = torch.randn(HORIZON, WORLDS, ACTIONS, generator=draw)[:, mine]
+        obs = torch.randn(HORIZON + 1, WORLDS, OBS, generator=generator)[:, mine]
+        z = project(torch.randn(HORIZON + 1, WORLDS, LATENT, generator=generator))[:, mine]
+        noise = torch.randn(HORIZON, WORLDS, ACTIONS, generator=generator)[:, mine]
         nobody = torch.zeros(count, dtype=torch.bool)
         for step in range(HORIZON):
             ase.act(groups(obs[step], z[step]))

@@ -44,11 +44,11 @@ def test_latents_are_unit_vectors(flattened):
 
 def test_a_window_stands_for_its_first_moments_only(flattened):
     embedding = SkillEmbedding(flattened, 3, WINDOW)
-    draw = torch.Generator().manual_seed(0)
+    generator = torch.Generator().manual_seed(0)
     starts = torch.full((500,), 5)
-    moments = embedding.moments(starts, draw)
+    moments = embedding.moments(starts, generator)
     assert sorted(set(moments.tolist())) == [5, 6, 7, 8, 9]
-    assert set(embedding.moments(torch.full((50,), 17), draw).tolist()) == {17, 18}
+    assert set(embedding.moments(torch.full((50,), 17), generator).tolist()) == {17, 18}
 
 
 def test_labelled_transitions_are_one_step_apart_and_carry_their_windows_latent(flattened):
@@ -70,7 +70,7 @@ def test_uniformity_of_two_opposite_points_is_known():
 
 
 def test_uniformity_is_least_for_the_uniform_distribution():
-    draw = torch.Generator().manual_seed(0)
-    even = sample_latents(500, 7, draw)
+    generator = torch.Generator().manual_seed(0)
+    even = sample_latents(500, 7, generator)
     half = torch.cat((even[:, :1].abs(), even[:, 1:]), dim=1)
     assert uniformity(even) < uniformity(half) - 0.1 < uniformity(even[:1].expand(500, 7)) - 0.2

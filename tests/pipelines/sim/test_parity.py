@@ -63,8 +63,8 @@ def test_a_difference_is_refused_by_name(instead_of_warp, solo12, name, amount):
 
 
 def test_robots_near_the_ground_touch_it_by_at_most_a_centimetre(robot):
-    draw = torch.Generator().manual_seed(1)
-    qpos, qvel = parity.near_the_ground(robot, 12, draw)
+    generator = torch.Generator().manual_seed(1)
+    qpos, qvel = parity.near_the_ground(robot, 12, generator)
     model = compile_scene(robot)
     lowest = torch.tensor(list(parity._lowest_feet(robot, model, qpos)))
     assert float(lowest.abs().max()) < 0.0101

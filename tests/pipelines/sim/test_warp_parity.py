@@ -84,22 +84,22 @@ def parameters(worlds=WORLDS, **changes):
     return WorldParameters(**{**values, **changes})
 
 
-def near_the_floor(spec, draw):
+def near_the_floor(spec, generator):
     """Tilted robots in motion, the lowest foot up to 10 mm in the floor or above it."""
     model, joints = compile_scene(spec), spec.num_joints
     qpos = torch.zeros(WORLDS, 7 + joints)
     qpos[:, 3] = 1.0
-    qpos[:, 4:7] = 0.1 * torch.randn(WORLDS, 3, generator=draw)
+    qpos[:, 4:7] = 0.1 * torch.randn(WORLDS, 3, generator=generator)
     qpos[:, 3:7] /= qpos[:, 3:7].norm(dim=-1, keepdim=True)
-    spread = 0.1 * torch.randn(WORLDS, joints, generator=draw)
+    spread = 0.1 * torch.randn(WORLDS, joints, generator=generator)
     qpos[:, 7:] = torch.tensor(spec.default_joint_pos) + spread
     data = mujoco.MjData(model)
     for row in qpos:
         data.qpos[:] = row.numpy()
         mujoco.mj_kinematics(model, data)
         lowest = min(data.body(name).xpos[2] for name in spec.feet) - spec.foot_radius()
-        row[2] = 0.01 * (2.0 * torch.rand((), generator=draw) - 1.0) - lowest
-    return qpos, 0.5 * torch.randn(WORLDS, 6 + joints, generator=draw)
+        row[2] = 0.01 * (2.0 * torch.rand((), generator=generator) - 1.0) - lowest
+    return qpos, 0.5 * torch.randn(WORLDS, 6 + joints, generator=generator)
 
 
 def torque_tolerance(spec):
@@ -108,20 +108,20 @@ def torque_tolerance(spec):
 
 
 def test_one_step_agrees_on_motion_torque_and_force(robot, both):
-    draw = torch.Generator().manual_seed(3)
+    generator = torch.Generator().manual_seed(3)
     engines = both(robot)
     shared = parameters(
-        friction=0.4 + torch.rand(WORLDS, generator=draw),
-        mass_scale=0.8 + 0.4 * torch.rand(WORLDS, generator=draw),
-        inertia_scale=0.8 + 0.4 * torch.rand(WORLDS, generator=draw),
-        base_com_offset=0.04 * torch.rand(WORLDS, 3, generator=draw) - 0.02,
+        friction=0.4 + torch.rand(WORLDS, generator=generator),
+        mass_scale=0.8 + 0.4 * torch.rand(WORLDS, generator=generator),
+        inertia_scale=0.8 + 0.4 * torch.rand(WORLDS, generator=generator),
+        base_com_offset=0.04 * torch.rand(WORLDS, 3, generator=generator) - 0.02,
     )
     for physics in engines:
         physics.set_parameters(shared)
     touched = 0
     for _ in range(10):
-        qpos, qvel = near_the_floor(robot, draw)
-        targets = qpos[:, 7:] + 0.2 * torch.randn(WORLDS, robot.num_joints, generator=draw)
+        qpos, qvel = near_the_floor(robot, generator)
+        targets = qpos[:, 7:] + 0.2 * torch.randn(WORLDS, robot.num_joints, generator=generator)
         for physics in engines:
             physics.reset(torch.arange(WORLDS), qpos, qvel)
             physics.step(targets)

@@ -323,6 +323,18 @@ def test_a_training_has_a_checkpoint_only_once_one_is_written(tmp_path):
     assert not checkpoint.has_checkpoint(tmp_path)
 
 
+def test_a_checkpoint_goes_on_whose_parts_have_their_old_names(tmp_path, context):
+    """An unfinished training of before kept its worlds' generator as "draw"."""
+    path, before, after = tmp_path / "walk.checkpoint.h5", Walk(), {}
+    before.state_dict = lambda: {"env": {"draw": torch.arange(3), "command": torch.ones(2)}}
+    checkpoint.save_checkpoint(before, path, 1, 0.0, {}, context, {})
+    walk = Walk()
+    walk.load_state_dict = after.update
+    checkpoint.restore_checkpoint(walk, path, seed=7)
+    assert sorted(after["env"]) == ["command", "generator"]
+    assert torch.equal(after["env"]["generator"], torch.arange(3))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["laptop", "gpu"])
 def test_a_checkpoint_is_small_enough_to_travel(robot, make_motions, tmp_path, context, preset):
