@@ -102,17 +102,17 @@ class TargetCommand:
 
 @dataclass(frozen=True)
 class HeadingCommand:
-    """A heading to turn to and hold: its angle in the world, uniform up to ``most`` to either side
-    [rad].
+    """A heading to turn to and hold: its angle in the world, uniform up to ``max_angle`` to either
+    side [rad].
     """
 
     term: ClassVar[Term] = Term("heading_command", 3, "1", "base")
 
-    most: Angle = torch.pi
+    max_angle: Angle = torch.pi
 
     def sample(self, origin: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(K, 3) unit vectors in the world; ``origin`` (K, 3) only gives the count."""
-        angle = uniform(((-self.most, self.most),), len(origin), generator)[:, 0]
+        angle = uniform(((-self.max_angle, self.max_angle),), len(origin), generator)[:, 0]
         return torch.stack((torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)), dim=-1)
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:

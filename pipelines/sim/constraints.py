@@ -8,12 +8,12 @@ termination probabilities.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.registered import Registered
 from lacoloco.pipelines.sim.world import World
 
 
@@ -85,21 +85,15 @@ def abduction_deviation(env: World, limit: float) -> torch.Tensor:
     return deviation * (env.command[:, 1].abs() < 0.1)[:, None]
 
 
-NEED_VELOCITY = ("air_time", "stand_still", "abduction_deviation")
-"""Constraints that read a commanded velocity."""
-
-CONSTRAINTS: dict[str, Callable[[World, float], torch.Tensor]] = {
-    function.__name__: function
-    for function in (
-        foot_force,
-        torque,
-        joint_velocity,
-        joint_acceleration,
-        action_rate,
-        undesired_contact,
-        base_tilt,
-        air_time,
-        stand_still,
-        abduction_deviation,
-    )
+CONSTRAINTS: dict[str, Registered] = {
+    "foot_force": Registered(foot_force),
+    "torque": Registered(torque),
+    "joint_velocity": Registered(joint_velocity),
+    "joint_acceleration": Registered(joint_acceleration),
+    "action_rate": Registered(action_rate),
+    "undesired_contact": Registered(undesired_contact),
+    "base_tilt": Registered(base_tilt),
+    "air_time": Registered(air_time, ("velocity",)),
+    "stand_still": Registered(stand_still, ("velocity",)),
+    "abduction_deviation": Registered(abduction_deviation, ("velocity",)),
 }

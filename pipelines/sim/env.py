@@ -109,7 +109,7 @@ class LeggedEnv:
             task.randomisation, num_worlds, len(spec.feet), self.generator
         )
         self.physics.set_parameters(self.parameters)
-        self._tip: torch.Tensor | None = None
+        self._end_effector: torch.Tensor | None = None
         self._read()
         self.reset(torch.ones(num_worlds, dtype=torch.bool, device=self.device))
 
@@ -138,7 +138,9 @@ class LeggedEnv:
         if self.task.fall_height is not None:
             fell |= self.state.root_pos[:, 2] < self.task.fall_height
         reward = self._reward()
-        violations = {c.name: CONSTRAINTS[c.name](self, c.limit) for c in self.task.constraints}
+        violations = {
+            c.name: CONSTRAINTS[c.name].function(self, c.limit) for c in self.task.constraints
+        }
         # A broken world may report any force, and the constraints' running scales over all worlds
         # would keep it.
         reward = reward.masked_fill(diverged, 0.0)
@@ -253,9 +255,9 @@ class LeggedEnv:
 
     def end_effector(self) -> torch.Tensor:
         """(N, 3) world position of the end effector [m]; computed once per state."""
-        if self._tip is None:
-            self._tip = self._chain(self.physics.qpos)
-        return self._tip
+        if self._end_effector is None:
+            self._end_effector = self._chain(self.physics.qpos)
+        return self._end_effector
 
     def target_error(self) -> torch.Tensor:
         """(N,) distance of the end effector from its target [m]."""
@@ -292,7 +294,7 @@ class LeggedEnv:
 
     def _read(self) -> None:
         self.state = RobotState.from_generalized(self.physics.qpos, self.physics.qvel)
-        self._tip = None
+        self._end_effector = None
 
     def _reward(self) -> torch.Tensor:
         total = torch.zeros(self.num_worlds, device=self.device)

@@ -35,8 +35,10 @@ class EndEffectorChain:
             turned = bool((model.body_quat[body] != (1.0, 0.0, 0.0, 0.0)).any())
             self.links.insert(0, (position, rotation if turned else None, axis, column))
             body = int(model.body_parentid[body])
-        tip = spec.end_effector.offset
-        self.tip = torch.tensor(tip, dtype=torch.float32, device=device) if any(tip) else None
+        offset = spec.end_effector.offset
+        self.offset = (
+            torch.tensor(offset, dtype=torch.float32, device=device) if any(offset) else None
+        )
 
     def __call__(self, qpos: torch.Tensor) -> torch.Tensor:
         """(N, 7 + J) generalised positions -> (N, 3) end effector, world [m]."""
@@ -50,6 +52,6 @@ class EndEffectorChain:
                 rotation = multiply(
                     rotation, torch.cat((torch.cos(half), torch.sin(half) * axis), dim=-1)
                 )
-        if self.tip is None:
+        if self.offset is None:
             return position
-        return position + rotate(rotation, self.tip.expand_as(position))
+        return position + rotate(rotation, self.offset.expand_as(position))

@@ -5,14 +5,13 @@ with a weight.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 
 from lacoloco.pipelines.sim.commands import heading_error
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.registered import Registered
 from lacoloco.pipelines.sim.world import World
 
 
@@ -71,15 +70,11 @@ def approach(env: World, length: float) -> torch.Tensor:
 
 
 def lift(env: World, length: float) -> torch.Tensor:
-    """exp(-|z_ee - z*| / length): pays for height alone, so that the end effector is lifted before
-    it finds its target.
+    """exp(-|z_ee - z*| / length): pays for the height of the end effector alone, wherever it is.
+
+    An expert learns by it to lift a foot before it finds its target.
     """
     return torch.exp(-(env.end_effector()[:, 2] - env.command[:, 2]).abs() / length)
-
-
-def hold_height(env: World, length: float) -> torch.Tensor:
-    """exp(-|z_ee - z*| / length) for a height that the end effector is asked to hold [m]."""
-    return lift(env, length)
 
 
 def joint_speed(env: World) -> torch.Tensor:
@@ -119,23 +114,14 @@ def posture(env: World) -> torch.Tensor:
     return (env.state.joint_pos - env.default_joint_pos).square().sum(dim=-1)
 
 
-@dataclass(frozen=True)
-class Registered:
-    """A reward function, and the type of command it reads; None where it reads none."""
-
-    function: Callable[..., torch.Tensor]
-    needs: str | None = None
-
-
 REWARDS: dict[str, Registered] = {
-    "track_planar_velocity": Registered(track_planar_velocity, "velocity"),
-    "track_yaw_rate": Registered(track_yaw_rate, "velocity"),
-    "track_heading": Registered(track_heading, "heading"),
-    "reach": Registered(reach, "target"),
-    "progress": Registered(progress, "target"),
-    "approach": Registered(approach, "target"),
-    "lift": Registered(lift, "target"),
-    "hold_height": Registered(hold_height, "height"),
+    "track_planar_velocity": Registered(track_planar_velocity, ("velocity",)),
+    "track_yaw_rate": Registered(track_yaw_rate, ("velocity",)),
+    "track_heading": Registered(track_heading, ("heading",)),
+    "reach": Registered(reach, ("target",)),
+    "progress": Registered(progress, ("target",)),
+    "approach": Registered(approach, ("target",)),
+    "lift": Registered(lift, ("target", "height")),
     "joint_speed": Registered(joint_speed),
     "joint_torque": Registered(joint_torque),
     "action_change": Registered(action_change),

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from lacoloco.pipelines.sim.commands import COMMANDS, Command, TargetCommand
-from lacoloco.pipelines.sim.constraints import CONSTRAINTS, NEED_VELOCITY, Constraint
+from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Constraint
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import Randomisation
 from lacoloco.pipelines.sim.rewards import REWARDS, RewardTerm, parameters_of
@@ -228,8 +228,7 @@ def _reward(values: Mapping[str, Any], place: Place, table: _TaskTable) -> Rewar
     if not isinstance(name, str) or name not in REWARDS:
         hint = nearest(name, REWARDS) if isinstance(name, str) else ", ".join(REWARDS)
         (place / "name").fail(f"{name!r} is no reward term; {hint}")
-    if needed := REWARDS[name].needs:
-        _require_command(name, needed, table, place)
+    _require_command(name, REWARDS[name].commands, table, place)
     parameters = parameters_of(name)
     refuse_unknown(values, ("name", "weight", *parameters), place)
     for key in ("weight", *(key for key, default in parameters.items() if default is None)):
@@ -248,8 +247,7 @@ def _constraint(
 ) -> Constraint:
     if row.name not in CONSTRAINTS:
         (place / "name").fail(f"{row.name!r} is no constraint; {nearest(row.name, CONSTRAINTS)}")
-    if row.name in NEED_VELOCITY:
-        _require_command(row.name, "velocity", table, place)
+    _require_command(row.name, CONSTRAINTS[row.name].commands, table, place)
     limit = row.limit
     if limit is None:
         if row.name != "foot_force":
@@ -258,7 +256,8 @@ def _constraint(
     return Constraint(row.name, limit, row.max_p)
 
 
-def _require_command(name: str, needed: str, table: _TaskTable, place: Place) -> None:
+def _require_command(name: str, commands: tuple[str, ...], table: _TaskTable, place: Place) -> None:
     kind = None if table.command is None else table.command.get("type")
-    if kind != needed:
-        (place / "name").fail(f"{name!r} needs a command of type {needed!r}")
+    if commands and kind not in commands:
+        needed = " or ".join(map(repr, commands))
+        (place / "name").fail(f"{name!r} needs a command of type {needed}")

@@ -60,13 +60,13 @@ def standing(env):
     ],
 )
 def test_margins_by_hand(env, name, limit, expected):
-    assert torch.allclose(CONSTRAINTS[name](env, limit), torch.tensor(expected), atol=1e-4)
+    assert torch.allclose(CONSTRAINTS[name].function(env, limit), torch.tensor(expected), atol=1e-4)
 
 
 def test_only_worlds_told_to_stand_must_stand_still(env):
-    margins = CONSTRAINTS["stand_still"](standing(env), 4.0)
+    margins = CONSTRAINTS["stand_still"].function(standing(env), 4.0)
     assert margins.tolist() == [[1.0, 16.0], [0.0, 0.0]]
 
 
 def test_worlds_told_to_stand_owe_no_flight(env):
-    assert CONSTRAINTS["air_time"](standing(env), 0.2)[0].tolist() == [0.0, 0.0]
+    assert CONSTRAINTS["air_time"].function(standing(env), 0.2)[0].tolist() == [0.0, 0.0]

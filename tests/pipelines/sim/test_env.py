@@ -16,7 +16,8 @@ from lacoloco.pipelines.sim.randomisation import (
     draw_parameters,
     widened,
 )
-from lacoloco.pipelines.sim.rewards import REWARDS, Registered, RewardTerm
+from lacoloco.pipelines.sim.registered import Registered
+from lacoloco.pipelines.sim.rewards import REWARDS, RewardTerm
 from lacoloco.pipelines.sim.state import layout, noise_scale, style_frame
 from lacoloco.pipelines.sim.tasks import imitate_task, load_task
 from lacoloco.robots.registry import load_robot

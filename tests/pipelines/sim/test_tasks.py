@@ -14,7 +14,7 @@ from lacoloco.robots.errors import RobotError
 
 HEADING = """
 episode_s = 4.0
-command = { type = "heading", most = 2.0 }
+command = { type = "heading", max_angle = 2.0 }
 rewards = [
   { name = "track_heading", weight = 1.0, variance = 0.25 },
   { name = "tilt", weight = -0.1 },
@@ -73,7 +73,7 @@ def test_an_asked_heading_is_seen_from_the_base_and_pays_when_it_is_held(solo12,
 def test_a_height_to_hold_is_seen_and_pays(solo12, write):
     text = """
     command = { type = "height", height = [0.1, 0.1] }
-    rewards = [{ name = "hold_height", weight = 1.0, length = 0.1 }]
+    rewards = [{ name = "lift", weight = 1.0, length = 0.1 }]
     """
     env = LeggedEnv(solo12, load_task_file(solo12, write(text)), 3, seed=0)
     assert env.observe().shape == (3, 46 + 1)
@@ -100,8 +100,16 @@ def test_a_base_below_the_height_of_the_task_has_fallen(solo12, write):
         ("weight = -0.1", 'weight = "a"', "rewards[1].weight: expected a number, found 'a'"),
         ('"tilt"', '"reach", sharpness = 1.0', "rewards[1].name: 'reach' needs a command of type"),
         ('type = "heading"', 'type = "hedding"', "command.type: expected one of velocity, target"),
-        ("most = 2.0", "most = -2.0", "command.most: expected an angle in radians, above 0 and"),
-        ("most = 2.0", "most = 90.0", "command.most: expected an angle in radians, above 0 and"),
+        (
+            "max_angle = 2.0",
+            "max_angle = -2.0",
+            "command.max_angle: expected an angle in radians, above 0 and",
+        ),
+        (
+            "max_angle = 2.0",
+            "max_angle = 90.0",
+            "command.max_angle: expected an angle in radians, above 0 and",
+        ),
         ("variance = 0.25", "variance = 0", "rewards[0].variance: expected a number above 0, fo"),
         ("episode_s = 4.0", "fall_height = 220", "fall_height: expected a length in metres, abo"),
         ("episode_s = 4.0", "reset = { heading = 180 }", "reset.heading: expected an angle in ra"),
