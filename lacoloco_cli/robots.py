@@ -101,25 +101,31 @@ def show_robot(session: Session, name: Name = None, robot: RobotOption = None) -
 @verb(app, "check", shared=READING)
 def check_robots(session: Session, name: OptionalName = None, robot: RobotOption = None) -> None:
     """Check the numbers and tasks of robots, and that MuJoCo and Pinocchio agree on them."""
-    from lacoloco.pipelines.sim.tasks import load_task
+    from lacoloco.pipelines.sim.robot_tasks import check_tasks
     from lacoloco.robots.check import check_robot
     from lacoloco.robots.registry import load_robot, robot_names
 
     wanted = _wanted(name, robot)
     names = robot_names() if wanted is None else (wanted,)
     specs = [load_robot(one) for one in names]
-    reports = [check_robot(spec) for spec in specs]
     for spec in specs:
-        for task in spec.tasks:
-            load_task(spec, task)
-    passed = all(report.passed for report in reports)
+        check_tasks(spec)
+    reports = [check_robot(spec) for spec in specs]
+    failures = [check for report in reports for check in report.failures()]
 
     def show() -> None:
         for report in reports:
-            _show_report(report)
+            if report.passed:
+                _show_report(report)
 
-    session.answer({"passed": passed, "robots": [_report(r) for r in reports]}, show)
-    if not passed:
+    answer = {"passed": not failures, "robots": [_report(report) for report in reports]}
+    if failures:
+        others = f" (and {len(failures) - 1} more; see --json)" if len(failures) > 1 else ""
+        error = failures[0].problem + others
+        answer |= {"error": error, "exit_code": USER_MISTAKE}
+        console.note(f"error: {error}")
+    session.answer(answer, show)
+    if failures:
         raise typer.Exit(USER_MISTAKE)
 
 
@@ -188,7 +194,8 @@ def _report(report: CheckReport) -> dict[str, Any]:
                 "value": check.value,
                 "limit": check.limit,
                 "unit": check.unit,
-                "detail": check.detail,
+                "place": check.place,
+                "detail": "" if check.passed else check.detail,
             }
             for check in report.checks
         ],
@@ -196,10 +203,6 @@ def _report(report: CheckReport) -> dict[str, Any]:
 
 
 def _show_report(report: CheckReport) -> None:
-    rows = [
-        ("ok" if c.passed else "FAILS", c.name, c.value, c.limit, c.unit, c.detail)
-        for c in report.checks
-    ]
-    verdict = "ok" if report.passed else f"{len(report.failures())} checks fail"
-    title = f"{report.robot}: {verdict} ({report.total_mass:.6f} kg)"
-    console.print_table(["", "check", "value", "limit", "unit", ""], rows, title=title)
+    rows = [(check.name, check.value, check.limit, check.unit) for check in report.checks]
+    title = f"{report.robot}: ok ({report.total_mass:.6f} kg)"
+    console.print_table(["check", "value", "limit", "unit"], rows, title=title)

@@ -260,8 +260,9 @@ def _check_bodies(file: RobotFile, bodies: set[str], place: Place) -> None:
         place / "retargeting" / "keypoints": tuple(retargeting.keypoints.values()),
         place / "retargeting" / "knees": retargeting.knees,
     }
-    if not contacts.feet:
-        (place / "contacts" / "feet").expected("at least one body", [])
+    for key, names in (("feet", contacts.feet), ("fall_bodies", contacts.fall_bodies)):
+        if not names:
+            (place / "contacts" / key).expected("at least one body", [])
     for where, names in named.items():
         for name in names:
             if name not in bodies:

@@ -65,8 +65,15 @@ def test_check_of_a_faulty_robot_ends_with_exit_code_2(call, monkeypatch):
     report = json.loads(result.stdout)
     assert (result.exit_code, report["passed"]) == (2, False)
     failing = [c["name"] for c in report["robots"][0]["checks"] if not c["passed"]]
-    assert failing == ["speed limits not positive"]
-    assert "solo12: 1 checks fail" in call("check", "solo12").stdout
+    assert failing == ["speed not positive"]
+    assert report["exit_code"] == 2
+    shown = call("check", "solo12")
+    assert (shown.exit_code, shown.stdout) == (2, "")
+    assert shown.stderr == f"error: {report['error']}\n"
+    expected = (
+        "robot.toml: joints: speed of joint 'FL_HAA': expected a number above 0 rad/s; found 0"
+    )
+    assert expected in shown.stderr
 
 
 def test_an_unknown_robot_is_refused_with_the_nearest(call):

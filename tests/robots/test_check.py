@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lacoloco.robots.check import Check, check_robot
+from lacoloco.robots.check import check_robot
 from lacoloco.robots.errors import RobotError
+from lacoloco.robots.finding import Check
 from lacoloco.robots.loading import load_folder, robot_from_files
 
 
@@ -63,23 +64,56 @@ def test_mistakes_in_the_mjcf_are_found(edited, old, new, name):
     assert name in failed(edited((old, new)))
 
 
+JOINTS, ROWS = "robot.toml: joints: ", "robot.toml: retargeting.joints: "
+
+
 @pytest.mark.parametrize(
-    ("change", "name"),
+    ("change", "name", "problem"),
     [
-        ({"default_joint_pos": (1.6, 0.4, -0.8) * 4}, "default pose beyond limits"),
-        ({"retarget_upper": (3.0,) * 12}, "retarget bounds beyond limits"),
-        ({"retarget_neutral": (-2.0, 0.0, 0.0) * 4}, "neutral pose beyond bounds"),
-        ({"training_effort_limits": (2.0,) * 12}, "motor torque beyond training torque"),
-        ({"stiffness": (0.0,) * 12}, "gains not positive"),
-        ({"velocity_limits": (float("nan"),) * 12}, "speed limits not positive"),
+        (
+            {"default_joint_pos": (1.6, 0.4, -0.8) * 4},
+            "default pose beyond limits",
+            JOINTS
+            + "default of joint 'FR_HAA': expected -1.571 to 0.785 rad, its range in solo12.xml",
+        ),
+        (
+            {"retarget_upper": (3.0,) * 12},
+            "upper retarget bounds beyond limits",
+            ROWS + "range of joint 'FR_HAA': expected -1.571 to 0.785 rad, its range in solo12.xml",
+        ),
+        (
+            {"retarget_neutral": (-2.0, 0.0, 0.0) * 4},
+            "neutral pose beyond bounds",
+            ROWS + "neutral of joint 'FL_HAA': expected -0.7854 to 1.571 rad, its range of retarg",
+        ),
+        (
+            {"training_effort_limits": (2.0,) * 12},
+            "motor torque beyond training torque",
+            JOINTS + "training_effort of joint 'FL_HAA': expected at least 3 N.m, the torque of it",
+        ),
+        (
+            {"stiffness": (4.0,) * 11 + (0.0,)},
+            "stiffness not positive",
+            JOINTS + "stiffness of joint 'HR_KFE': expected a number above 0 N.m/rad; found 0",
+        ),
+        (
+            {"velocity_limits": (float("nan"),) * 12},
+            "speed not positive",
+            JOINTS + "speed of joint 'FL_HAA': expected a number above 0 rad/s; found nan",
+        ),
         (
             {"default_joint_pos": (0.0, 0.4, -0.8) * 3 + (0.0, 1.0, -0.8)},
             "feet in the air in the default pose",
+            "robot.toml: contacts.feet: expected bodies on the floor in the default pose; HR_FOOT ",
         ),
     ],
 )
-def test_mistakes_in_the_spec_are_found(solo12, change, name):
-    assert name in failed(replace(solo12, **change))
+def test_mistakes_in_the_spec_are_found_and_said_with_their_key(solo12, change, name, problem):
+    checks = check_robot(replace(solo12, **change), poses=2).failures()
+    found = {check.name: check.problem for check in checks}
+    assert name in found
+    assert str(solo12.folder) in found[name] and problem in found[name]
+    assert "\n" not in found[name]
 
 
 @pytest.mark.parametrize(
@@ -126,4 +160,4 @@ def test_meshes_may_be_looked_at_but_not_touched(solo12, robot_folder):
 
 
 def test_nan_does_not_pass():
-    assert not Check("x", float("nan"), 1.0).passed
+    assert not Check("x", float("nan"), 1.0, "", "", "").passed

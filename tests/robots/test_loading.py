@@ -83,6 +83,7 @@ MISTAKES = [
         '"base_link"',
         "contacts.fall_bodies: expected a list of names, found 'base_",
     ),
+    ('["base_link"]', "[]", "contacts.fall_bodies: expected at least one body, found []"),
     ('["base_link"]', "[1]", "contacts.fall_bodies[0]: expected a text, found 1"),
     ('["base_link"]', '["base_lnik"]', "contacts.fall_bodies: body 'base_lnik' is not in the MJCF"),
     ('body = "FR_FOOT"', 'body = "PAW"', "end_effector.body: body 'PAW' is not in the MJCF"),
