@@ -12,6 +12,7 @@ from lacoloco.datasets import published
 from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, save_clips
 from lacoloco.datasets.work import Work
+from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.generation.config import (
     ExpertConfig,
     GenerateConfig,
@@ -29,7 +30,7 @@ from lacoloco.pipelines.training.loop import train
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
-LOG_KEYS = ("reward", "velocity_error", "target_error", "falls_per_1000_steps", "std")
+LOG_KEYS = ("reward", "velocity_error", "yaw_error", "target_error", "falls_per_1000_steps", "std")
 
 
 def laptop() -> GenerateConfig:
@@ -150,8 +151,14 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
     directory = mine.begin("experts", mine.work(config, record_of(spec)))
     policies: list[Policy] = []
     metrics: dict[str, float] = {}
+    trained: dict[str, ExpertTrainer] = {}
     for task, expert in (("walk", config.walk), ("reach_in_place", config.reach)):
         trainer = ExpertTrainer(spec, task, expert, seed=context.seed, device=context.device)
+        if first := trainer.task.start_from:
+            if first not in trained:
+                raise StageError(f"task {task!r} starts from {first!r}, which has no expert yet")
+            trainer.start_from(trained[first])
+        trained[task] = trainer
         figures = train(
             trainer, trainer.iterations, directory.path, context, f"expert {task}", LOG_KEYS
         )

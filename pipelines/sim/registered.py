@@ -15,7 +15,9 @@ class Registered:
     Attributes:
         function: Environment after a step, and parameters -> (N,) reward or (N, k) margins.
         commands: Types of command that it can read, keys of ``COMMANDS``; empty if it reads none.
+        gait: Whether it reads the gait of a task that has one.
     """
 
     function: Callable[..., torch.Tensor]
     commands: tuple[str, ...] = ()
+    gait: bool = False

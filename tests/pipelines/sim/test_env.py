@@ -47,7 +47,7 @@ def test_both_robots_live_in_every_task(robot, name, make_motions):
     task = task_of(name, robot)
     env = LeggedEnv(robot, task, WORLDS, seed=1, motions=make_motions(robot))
     joints = robot.num_joints
-    width = 10 + 3 * joints + (0 if name == "imitate" else 3)
+    width = 10 + 3 * joints + (0 if name == "imitate" else 3) + (3 if task.gait else 0)
     generator = torch.Generator().manual_seed(0)
     for _ in range(30):
         step = env.step(torch.randn(WORLDS, joints, generator=generator))
@@ -62,7 +62,7 @@ def test_both_robots_live_in_every_task(robot, name, make_motions):
 
 @pytest.mark.parametrize(
     ("name", "widths"),
-    [("imitate", (46, 67)), ("reach", (49, 70)), ("reach_in_place", (49, 70)), ("walk", (49, 70))],
+    [("imitate", (46, 67)), ("reach", (49, 70)), ("reach_in_place", (49, 73)), ("walk", (49, 73))],
 )
 def test_widths_of_the_observations(solo12, h1, name, widths):
     for spec, expected in zip((solo12, h1), widths, strict=True):
