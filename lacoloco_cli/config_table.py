@@ -54,6 +54,17 @@ def keys_of(config: Any, prefix: str = "") -> Iterator[Key]:
             yield Key(path, value, type_text(hints[name]), allowed(ruled), unit, meaning)
 
 
+COLUMNS = {"key": 36, "value": 14, "unit": 13, "meaning, and what is allowed": None}
+"""Heading of the table for a person -> most characters in a line."""
+
+
+def row_of(key: Key) -> list[str]:
+    """The cells of one key in the table for a person."""
+    sentences = (key.meaning.rstrip("."), key.allowed)
+    text = " ".join(f"{one[:1].upper()}{one[1:]}." for one in sentences if one)
+    return [key.key, value_text(key.value), key.unit, text]
+
+
 def documented(kind: type) -> dict[str, tuple[str, str]]:
     """Field -> (meaning, unit), from the docstrings of a class and of those it extends."""
     told: dict[str, tuple[str, str]] = {}

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from lacoloco.pipelines.stage import Progress
 
 Clock = Callable[[], float]
+READABLE = 110
+"""Width of a wrapped table."""
 
 
 def note(line: str) -> None:
@@ -192,6 +194,26 @@ def print_table(
     console = Console(markup=False, highlight=False)
     if not console.is_terminal:
         console.width = 1000  # a pipe has no edge to wrap at
+    console.print(table)
+
+
+def print_wrapped(columns: Mapping[str, int | None], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table of texts on stdout, in a narrow terminal narrower than ``READABLE``.
+
+    Args:
+        columns: Heading -> most characters in a line; None takes what the others leave.
+        rows: A text per column; what is too long goes on in the next line.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for column, width in columns.items():
+        table.add_column(column, overflow="fold", max_width=width)
+    for row in rows:
+        table.add_row(*row)
+    console = Console(markup=False, highlight=False)
+    console.width = min(console.width, READABLE) if console.is_terminal else READABLE
     console.print(table)
 
 

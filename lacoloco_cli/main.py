@@ -21,6 +21,7 @@ VERBS = {
     "train-low": ("train_low", "Train the low level: latents to motion (ASE)."),
     "train-high": ("train_high", "Train the high level: a target to latents."),
     "eval": ("evaluate", "Measure error, falls and violations: the paper's Table I."),
+    "switching": ("switching", "Count and draw how a policy switches from walking to reaching."),
     "export": ("export", "Write both levels as ONNX that was checked against torch."),
     "play": ("play", "Watch a motion or a policy in the browser or as HTML."),
     "run": ("run", "Run a whole experiment, e.g. quickstart or solo12-dog."),
@@ -30,6 +31,16 @@ VERBS = {
     "doctor": ("doctor", "Check the installation; say which engine is used."),
 }
 """Verb -> (module of `lacoloco_cli` with its `app`, one line of help)."""
+ROBOT_OF = {
+    "track": "its motions (--motions)",
+    "train-low": "its motions (--motions)",
+    "train-high": "its low-level policy (--low)",
+    "eval": "its policies (--policy)",
+    "switching": "its policy (--policy)",
+    "export": "its policy (--policy)",
+    "play": "the artifact that is played",
+}
+"""Verb without `--robot` -> what brings its robot."""
 
 
 class FrontDoor(typer.core.TyperGroup):
@@ -71,6 +82,9 @@ def _refuse(error: Exception, arguments: Sequence[str]) -> int:
     if "--debug" in arguments:
         traceback.print_exception(error)
     line, code = explain(error)
+    verb = arguments[0] if arguments else ""
+    if getattr(error, "option_name", "") == "--robot" and verb in ROBOT_OF:
+        line = f"--robot: {verb} takes the robot from {ROBOT_OF[verb]}; leave the option out"
     typer.echo(f"error: {line}", err=True)
     if "--json" in arguments:
         from lacoloco_cli.json_output import to_json

@@ -30,9 +30,7 @@ Set = Annotated[
 ]
 ShowConfig = Annotated[
     bool,
-    _option(
-        "--show-config", help="Only list every key of --set: value, type, range, unit, meaning."
-    ),
+    _option("--show-config", help="Only list every key of --set: value, unit, meaning and range."),
 ]
 Seed = Annotated[int, _option("--seed", min=0, max=2**31 - 1, help="Seed of everything random.")]
 Device = Annotated[

@@ -12,10 +12,10 @@ from typing import Annotated
 
 import typer
 
+from lacoloco_cli import switching
 from lacoloco_cli.console import note
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import AT_ONCE
-from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import PAGE, check_output, copy_to
 
@@ -67,8 +67,8 @@ def play(
         typer.Option(
             "--figure",
             metavar="FILE",
-            help="Instead of a page, a picture: how a high-level policy switches skills in one"
-            " episode, and in how many of 256 it walks first and reaches last.",
+            help="Instead of a page, the picture of `lacoloco switching`: how a high-level policy"
+            " switches skills in one episode.",
         ),
     ] = None,
     motions: Annotated[
@@ -83,7 +83,7 @@ def play(
     if figure is not None:
         if html is not None or gif is not None or clip or latents:
             raise UserError("--figure: is no page; leave out --html, --gif, --clip and --latents")
-        draw_figure(session, source, figure, motions or [])
+        switching.measure(session, source, motions or [], figure, option="--figure")
         return
     if motions:
         raise UserError("--motions: belongs to --figure; to watch motions, name them alone")
@@ -144,30 +144,6 @@ def draw_gif(
     answer = {"gif": str(gif), "bytes": len(content), "robot": artifact.robot}
     answer |= {"recording": shown.name, "seconds": round(shown.duration, 2)}
     session.answer(answer, lambda: typer.echo(answer["gif"]))
-
-
-def draw_figure(
-    session: Session, policy: Path | None, figure: Path, motions: Sequence[Path]
-) -> None:
-    """Draw how a policy switches skills, and count the episodes in which it does."""
-    from lacoloco.datasets.published import resolve
-    from lacoloco.pipelines import switching as stage
-
-    config = session.config(stage.PRESETS)
-    place = check_output("--figure", figure, "png", session.store.root)
-    policy = resolve(policy) if policy else best(session)
-    result = stage.run(
-        config, session.context(), policy=policy, motions=[resolve(one) for one in motions]
-    )
-    copy_to("--figure", Path(result.metrics["picture"]), place)
-    answer = {"artifact": path_text(result.artifact), **result.metrics, "picture": str(figure)}
-
-    def show() -> None:
-        share, count = answer["walk_first_reach_last"], answer["episodes"]
-        typer.echo(f"{share:.1%} of {count} episodes walk first and reach last")
-        typer.echo(answer["picture"])
-
-    session.answer(answer, show)
 
 
 def latents_of(text: str | None) -> str:

@@ -117,16 +117,13 @@ class Session:
         return config
 
     def answer_config(self, config: Any) -> None:
-        """Show every key of a config with value, type, range, unit and meaning."""
-        from lacoloco_cli.config_table import keys_of, value_text
+        """Show every key of a config with value, unit, meaning and range."""
+        from lacoloco_cli.config_table import COLUMNS, keys_of, row_of
 
         keys = list(keys_of(config))
-        rows = [[k.key, value_text(k.value), k.type, k.allowed, k.unit, k.meaning] for k in keys]
         self.answer(
             {"verb": self.verb, "preset": self.preset, "config": [asdict(key) for key in keys]},
-            lambda: console.print_table(
-                ["key", "value", "type", "allowed", "unit", "meaning"], rows
-            ),
+            lambda: console.print_wrapped(COLUMNS, [row_of(key) for key in keys]),
         )
 
     def context(self, seed: int | None = None, *, resume: bool | None = None) -> StageContext:

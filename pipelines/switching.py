@@ -34,9 +34,9 @@ class SwitchingConfig:
     """What is played and shown.
 
     Attributes:
-        episodes: how many are counted.
-        seconds: length of an episode.
-        shown: number of the episode in the picture; -1 takes, of those that walk first and reach
+        episodes: How many are counted.
+        seconds: Length of an episode [s].
+        shown: Number of the episode in the picture; -1 takes, of those that walk first and reach
             last (of all, where none does), the one with the median distance from the target at its
             end.
     """

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -311,6 +312,9 @@ def test_what_is_published_is_used_by_its_name(chain, tmp_path, monkeypatch):
     figure = str(tmp_path / "figure.png")
     switching = new.answer("play", "solo12-synthetic", "--figure", figure, *SMOKE)
     assert 0.0 <= switching["walk_first_reach_last"] <= 1.0
+    again = new.answer("switching", "--policy", "solo12-synthetic", *SMOKE)
+    assert again["walk_first_reach_last"] == switching["walk_first_reach_last"]
+    assert Path(again["picture"]).is_file()
     shown = new.answer("runs", "show", "solo12-synthetic")["artifacts"][0]["lineage"]
     assert [row["state"] for row in shown] == ["ok"] * 4, "high, low, motions, experts"
 

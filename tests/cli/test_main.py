@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
 import pytest
 from typer.testing import CliRunner
 
-from lacoloco_cli.main import VERBS, app
+from lacoloco_cli.main import ROBOT_OF, VERBS, app
 
 HEAVY = ("torch", "numpy", "h5py", "mujoco", "pinocchio", "casadi", "meshcat", "onnx")
 
@@ -90,3 +91,15 @@ def test_ctrl_c_while_python_still_imports_prints_no_traceback(module, told, mon
         entry.run()
     assert caught.value.code == 130
     assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize("verb", ROBOT_OF)
+def test_a_verb_whose_input_brings_the_robot_says_so(verb):
+    help_text = invoke(verb, "--help").stdout
+    assert "--robot" not in help_text
+    result = invoke(verb, "--robot", "solo12", "--json")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    line = f"--robot: {verb} takes the robot from {ROBOT_OF[verb]}; leave the option out"
+    assert json.loads(result.stdout)["error"] == line
+    for option in re.findall(r"\((--[a-z]+)\)", ROBOT_OF[verb]):
+        assert option in help_text
