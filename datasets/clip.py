@@ -59,6 +59,10 @@ class Clip:
     """(T, J) rad, where the motors were asked to go from frame k to k + 1, if a robot performed the
     clip; the last row leads nowhere.
     """
+    command: np.ndarray | None = None
+    """(T, 3) what was commanded from frame k to k + 1, if an expert performed the clip: a velocity
+    (forward and lateral m/s, yaw rate rad/s) or a target in the world frame, m.
+    """
 
     @classmethod
     def from_poses(
@@ -174,7 +178,7 @@ class Clip:
         """
         if not 0 < fps < np.inf:
             raise DatasetError(f"clip '{self.name}': cannot resample to {fps} frames per second")
-        clip = self if fps == self.fps else replace(self, joint_target=None)
+        clip = self if fps == self.fps else replace(self, joint_target=None, command=None)
         return replace(clip, fps=float(fps))._with(series.resampled(clip._rows(), self.fps, fps))
 
     def at_pace(self, pace: float) -> Clip:
@@ -187,7 +191,7 @@ class Clip:
         if not 0 < pace < np.inf:
             raise DatasetError(f"clip '{self.name}': cannot be played at {pace} times its pace")
         slowed = {name: pace * getattr(self, name) for name in series.VELOCITIES}
-        return replace(self, fps=pace * self.fps, joint_target=None, **slowed)
+        return replace(self, fps=pace * self.fps, joint_target=None, command=None, **slowed)
 
     def _rows(self) -> dict[str, np.ndarray]:
         known = (name for name in series.OPTIONAL if getattr(self, name) is not None)

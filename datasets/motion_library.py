@@ -72,7 +72,11 @@ class MotionLibrary:
         self._widths = [3, 3, 3, len(self.joint_names), len(self.joint_names)]
         self._split = [4, 4, 1, sum(self._widths), sum(self._widths)]
         self._table = self._flatten(clips)
-        self._targets = self._tensor(np.concatenate([_joint_targets(clip) for clip in clips]))
+        joints = len(self.joint_names)
+        self._targets = self._tensor(
+            _known_or_nan([clip.joint_target for clip in clips], lengths, joints)
+        )
+        self._commands = self._tensor(_known_or_nan([clip.command for clip in clips], lengths, 3))
         self._draw(0.0)  # refuse weights that leave nothing to sample now, not in mid-training
 
     def __len__(self) -> int:
@@ -104,10 +108,19 @@ class MotionLibrary:
 
         NaN where that is not known: no robot performed the clip, or it was asked at another rate.
         """
-        frame = (times * self._fps[clip_ids]).round().long()
-        rows = self._targets[torch.minimum(frame, self._last[clip_ids]) + self._first[clip_ids]]
-        other = (self._fps[clip_ids] * dt - 1.0).abs() > 1e-4
-        return rows.masked_fill(other[:, None], float("nan"))
+        return self._asked(self._targets, clip_ids, times, dt)
+
+    def commands(self, clip_ids: torch.Tensor, times: torch.Tensor, dt: float) -> torch.Tensor:
+        """(n, 3) what an expert was told to do from ``times`` (n,) on, for ``dt`` seconds.
+
+        NaN where that is not known, as for :meth:`joint_targets`.
+        """
+        return self._asked(self._commands, clip_ids, times, dt)
+
+    def clips_of(self, skill: str) -> torch.Tensor:
+        """(n,) int64 numbers of the clips that show a skill."""
+        shown = [index for index, name in enumerate(self._skills) if name == skill]
+        return torch.tensor(shown, dtype=torch.long, device=self.device)
 
     def sample(
         self, n: int, generator: torch.Generator | None = None, margin: float = 0.0
@@ -166,6 +179,14 @@ class MotionLibrary:
         ]
         return halves[0], halves[1]
 
+    def _asked(
+        self, values: torch.Tensor, clip_ids: torch.Tensor, times: torch.Tensor, dt: float
+    ) -> torch.Tensor:
+        frame = (times * self._fps[clip_ids]).round().long()
+        rows = values[torch.minimum(frame, self._last[clip_ids]) + self._first[clip_ids]]
+        other = (self._fps[clip_ids] * dt - 1.0).abs() > 1e-4
+        return rows.masked_fill(other[:, None], float("nan"))
+
     def _tensor(self, values: object, dtype: torch.dtype = torch.float32) -> torch.Tensor:
         return torch.as_tensor(np.asarray(values), dtype=dtype, device=self.device)
 
@@ -220,9 +241,16 @@ class MotionLibrary:
         return result
 
 
-def _joint_targets(clip: Clip) -> np.ndarray:
-    """(T, J) of a clip, NaN where they are not known."""
-    return np.full(clip.joint_pos.shape, np.nan) if clip.joint_target is None else clip.joint_target
+def _known_or_nan(
+    series: Sequence[np.ndarray | None], lengths: np.ndarray, width: int
+) -> np.ndarray:
+    """(rows, width) optional series of all clips one after the other, NaN where not known."""
+    return np.concatenate(
+        [
+            np.full((length, width), np.nan) if rows is None else rows
+            for rows, length in zip(series, lengths, strict=True)
+        ]
+    )
 
 
 def _great_circles(quat: np.ndarray) -> np.ndarray:

@@ -10,10 +10,10 @@ SERIES = ("root_pos", "root_quat", "root_lin_vel_b", "root_ang_vel_b", "joint_po
 """The fields of a clip that hold one row per frame."""
 VELOCITIES = ("root_lin_vel_b", "root_ang_vel_b", "joint_vel")
 """Those of them that are per second."""
-OPTIONAL = ("contacts", "joint_target")
+OPTIONAL = ("contacts", "joint_target", "command")
 """Those that do, of clips about which this is known."""
 
-_WIDTHS = {"root_pos": 3, "root_quat": 4, "root_lin_vel_b": 3, "root_ang_vel_b": 3}
+_WIDTHS = {"root_pos": 3, "root_quat": 4, "root_lin_vel_b": 3, "root_ang_vel_b": 3, "command": 3}
 
 
 def angular_velocities_b(quat: np.ndarray, fps: float) -> np.ndarray:

@@ -9,7 +9,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from lacoloco.datasets import published
+from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, load_clips
+from lacoloco.datasets.hashing import hash_file
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.work import Work
 from lacoloco.pipelines.errors import StageError
@@ -19,7 +22,7 @@ from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level.config import TrainLowConfig
 from lacoloco.pipelines.low_level.trainer import LowTrainer
-from lacoloco.pipelines.policies import save_policies
+from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.robot import Say, record_of, robot_of_all
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.diagnostics import low_level_warnings
@@ -109,9 +112,11 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     )
     method = f"{config.ase.discriminator}{'-cat' if config.cat else ''}"
 
+    experts = experts_of(motions, context) if mine.expert_rounds else None
+
     def make_trainer() -> LowTrainer:
         seed = parallel.own_seed(context.seed)
-        return LowTrainer(spec, library, mine, seed=seed, device=context.device)
+        return LowTrainer(spec, library, mine, seed=seed, device=context.device, experts=experts)
 
     def save(trainer: LowTrainer, path: Path, metrics: dict[str, Any]) -> dict[str, Any]:
         metrics |= trainer.closing_metrics()
@@ -131,6 +136,25 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
     stage = TrainStage("train-low", method, config, context, asked, LOG_KEYS, low_level_warnings)
     pretraining = "inferring the clips' actions and fitting the first policy to them"
     return stage.run(make_trainer, save, pretraining if config.bc_steps else None)
+
+
+def experts_of(motions: Sequence[Path], context: StageContext) -> dict[str, Policy]:
+    """Task -> the policy that performed its clips: those that the motions were recorded of.
+
+    Raises:
+        StageError: They are neither in this run nor published.
+        ArtifactError: An artifact is damaged.
+    """
+    hashes = {parent.sha256 for path in motions for parent in read_header(path).parents}
+    own = [path for path in context.store.all(context.run, "experts") if hash_file(path) in hashes]
+    copies = [published.find_copy(sha256) for sha256 in sorted(hashes)]
+    for path in (*reversed(own), *copies):
+        if path is not None:
+            return load_policies(path, device=context.device)[1]
+    raise StageError(
+        "expert_rounds needs the experts that performed the motions; they are neither in run "
+        f"{context.run!r} nor published: lacoloco generate in this run, or --set expert_rounds=0"
+    )
 
 
 def work(

@@ -45,17 +45,17 @@ def record(
     """
     steps, transient = round(config.seconds / CONTROL_DT), round(config.transient_s / CONTROL_DT)
     base = without_disturbances(load_task(spec, task_name))
-    standing = replace(base.reset, joint_scale=(0.9, 1.1), lin_vel=0.0, ang_vel=0.0)
+    standing = replace(base.reset, joint_scale=(0.9, 1.1), lin_vel=0.0, ang_vel=0.0, gait_share=0.0)
     task = replace(base, reset=standing, episode_s=2 * config.seconds)
     env = LeggedEnv(
         spec, task, count + max(8, count // 4), seed=context.seed, device=context.device
     )
     upright = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
-    rows, targets, errors, settled = [(env.physics.qpos, env.state)], [], [], []
+    rows, asked, errors, settled = [(env.physics.qpos, env.state)], [], [], []
     for step in range(steps):
         command = env.command.clone()
         outcome = env.step(policy(env.observe()))
-        targets.append(env.joint_target)
+        asked.append((env.joint_target, command))
         upright &= ~outcome.fell
         rows.append((env.physics.qpos, env.state))
         if step >= transient:
@@ -77,10 +77,14 @@ def record(
         f"{skill}_worlds": float(env.num_worlds),
     }
     weight = config.reach_weight if skill == "reach" else 1.0
-    asked = torch.stack([*targets, targets[-1]], dim=1).cpu().numpy()
+    joint_target, commands = (
+        torch.stack([*column, column[-1]], dim=1).cpu().numpy()
+        for column in zip(*asked, strict=True)
+    )
     chosen = enumerate(kept[:count].tolist())
     return [
-        _clip(spec, skill, weight, index, rows, asked[world], world) for index, world in chosen
+        _clip(spec, skill, weight, index, rows, joint_target[world], commands[world], world)
+        for index, world in chosen
     ], metrics
 
 
@@ -99,6 +103,7 @@ def _clip(
     index: int,
     rows: Sequence[tuple[torch.Tensor, RobotState]],
     joint_target: np.ndarray,
+    command: np.ndarray,
     world: int,
 ) -> Clip:
     def series(pick: Callable[..., torch.Tensor]) -> np.ndarray:
@@ -115,6 +120,7 @@ def _clip(
         joint_pos=series(lambda qpos, _: qpos[:, 7:]),
         joint_vel=series(lambda _, state: state.joint_vel),
         joint_target=joint_target,
+        command=command,
         skill=skill,
         weight=weight,
         source=f"lacoloco generate: {skill} expert",

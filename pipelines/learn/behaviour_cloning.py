@@ -5,7 +5,7 @@ does.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from rsl_rl.models import MLPModel
@@ -23,7 +23,7 @@ PAIRS_FROM = 1024
 
 @dataclass(frozen=True)
 class CloningData:
-    """What to reproduce, row by row of one timeline.
+    """What to reproduce, row by row of one timeline; further rows may follow.
 
     Attributes:
         frames: (M, F) clean style frames.
@@ -41,6 +41,17 @@ class CloningData:
     noise: torch.Tensor
     action_noise: float = 0.12
 
+    def extended(
+        self, frames: torch.Tensor, previous: torch.Tensor, actions: torch.Tensor
+    ) -> CloningData:
+        """The same with further rows after it."""
+        return replace(
+            self,
+            frames=torch.cat((self.frames, frames)),
+            previous=torch.cat((self.previous, previous)),
+            actions=torch.cat((self.actions, actions)),
+        )
+
     def observe(self, rows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(n, F + A) noisy observations: the fitted policy must forgive what it will meet."""
         last = self.previous[rows]
@@ -56,7 +67,7 @@ def clone(
     actor: MLPModel,
     embedding: SkillEmbedding,
     data: CloningData,
-    starts: Callable[[int], torch.Tensor],
+    sample: Callable[[int], tuple[torch.Tensor, torch.Tensor]],
     *,
     steps: int,
     batch: int = 2048,
@@ -71,7 +82,8 @@ def clone(
             the observations.
         embedding: gives the latents; learns with the actor.
         data: what to reproduce.
-        starts: ``starts(n)`` draws n rows at which windows begin.
+        sample: ``sample(n)`` draws n rows at which windows of the timeline begin, and n rows of the
+            data that their latents stand for.
         steps: gradient steps.
         batch: rows per step.
         learning_rate: Adam's, falling linearly to zero.
@@ -81,20 +93,20 @@ def clone(
         Root mean squared error over the last tenth of the steps, in action units.
     """
 
-    def observe(windows: torch.Tensor) -> tuple[TensorDict, torch.Tensor]:
-        rows = embedding.moments(windows, generator)
+    def observe(count: int) -> tuple[TensorDict, torch.Tensor]:
+        windows, rows = sample(count)
         groups = {"policy": data.observe(rows, generator), "latent": embedding(windows)}
         return TensorDict(groups, batch_size=[len(rows)]), rows
 
     with torch.no_grad():
-        actor.update_normalization(observe(starts(4 * batch))[0])
+        actor.update_normalization(observe(4 * batch)[0])
     optimizer = torch.optim.Adam(
         [*actor.mlp.parameters(), *embedding.parameters()], lr=learning_rate, fused=True
     )
     errors = []
     for step in range(steps):
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / steps)
-        observations, rows = observe(starts(batch))
+        observations, rows = observe(batch)
         error = (actor(observations) - data.actions[rows]).square().mean()
         loss = error + UNIFORMITY_WEIGHT * uniformity(observations["latent"][:PAIRS_FROM])
         optimizer.zero_grad(set_to_none=True)

@@ -12,14 +12,16 @@ from tensordict import TensorDict
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase
-from lacoloco.pipelines.learn.behaviour_cloning import CloningData, clone
+from lacoloco.pipelines.learn.behaviour_cloning import CloningData
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.latents import LatentSchedule
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
 from lacoloco.pipelines.learn.networks import annealed, set_std
 from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
 from lacoloco.pipelines.low_level.checkpoint_selection import Selection
+from lacoloco.pipelines.low_level.cloning import Cloning
 from lacoloco.pipelines.low_level.config import TrainLowConfig
+from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, previous_actions
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -45,8 +47,21 @@ class LowTrainer:
         *,
         seed: int,
         device: str,
+        experts: Mapping[str, Policy] | None = None,
     ) -> None:
-        """Build environment, latents and learner."""
+        """Build environment, latents and learner.
+
+        Args:
+            spec: The robot.
+            library: The clips.
+            config: Settings.
+            seed: Seed of everything random.
+            device: Where physics and learning run.
+            experts: Task -> the policy that performed its clips, for ``config.expert_rounds``.
+
+        Raises:
+            StageError: There are to be such rounds, and no clip says what an expert was commanded.
+        """
         torch.manual_seed(seed)
         self.config, self.spec, self.motions, self.seed = config, spec, library, seed
         self.env = LeggedEnv(
@@ -80,6 +95,16 @@ class LowTrainer:
             timeline = self.clips.flattened()
             self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
             self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
+        self.labels: ExpertLabels | None = None
+        if config.bc_steps and config.expert_rounds:
+            self.labels = ExpertLabels(
+                spec,
+                library,
+                self.clips,
+                experts or {},
+                worlds=config.expert_worlds,
+                seed=seed + 5,
+            )
         self.head = Head(
             "low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate"
         )
@@ -100,9 +125,11 @@ class LowTrainer:
         the clips.
 
         Returns:
-            The error of the cloned actions (raw units, rms) and the encoder's mean cosine.
+            The error of the cloned actions (raw units, rms) and the encoder's mean cosine; after
+            rounds with the experts, the steps that the policy performed clips for until it fell, as
+            a share of all, in the last round.
         """
-        config, env = self.config, self.env
+        config, env, metrics = self.config, self.env, dict[str, float]()
         actions = infer_actions(self.spec, self.clips, env.task.action_scale)
         data = CloningData(
             self.clips.flattened().frames,
@@ -110,16 +137,14 @@ class LowTrainer:
             actions,
             noise_scale(env.terms).to(env.device),
         )
-        error = clone(
-            self.algorithm.actor,
-            self.embedding,
-            data,
-            self._cloned,
-            steps=config.bc_steps,
-            generator=self.generator,
-        )
+        cloning = Cloning(self.clips, self.embedding, data, self._cloned, self.generator)
+        error = cloning.fit(self.algorithm.actor, config.bc_steps)
+        for _ in range(config.expert_rounds):
+            assert self.labels is not None
+            metrics["expert_survival"] = cloning.ask(self.algorithm.actor, self.labels)
+            error = cloning.fit(self.algorithm.actor, config.bc_steps)
         parallel.copy_from_first(self.algorithm.actor, self.embedding)
-        return {
+        return metrics | {
             "clone_error": error,
             "clone_cosine": self.algorithm.fit_encoder(config.bc_steps // 4),
         }

@@ -131,9 +131,14 @@ class LeggedEnv:
         assert self.guide is not None, "the task has no gait"
         return self.guide
 
-    def step(self, action: torch.Tensor) -> Step:
+    def step(self, action: torch.Tensor, instead: torch.Tensor | None = None) -> Step:
         """Apply raw actions (N, J) for one control step: joint targets = default pose, or the
         reference of a gait, + action scale x action.
+
+        Args:
+            action: Raw actions.
+            instead: (N, J) joint targets to apply [rad] while ``joint_target`` says what the
+                actions would have asked for; NaN where they are applied.
         """
         reference = self.default_joint_pos
         if self.guide is not None:
@@ -145,7 +150,10 @@ class LeggedEnv:
         if self.task.has_target:
             self.previous_target_error = self.target_error()
         self.joint_target = reference + self.task.action_scale * action
-        self.physics.step(self.joint_target)
+        applied = self.joint_target
+        if instead is not None:
+            applied = torch.where(instead.isnan(), applied, instead)
+        self.physics.step(applied)
         self._read()
         if self.guide is not None:
             self.guide.update(self.state, self.physics.qpos)
@@ -228,6 +236,8 @@ class LeggedEnv:
         """
         self.physics.reset(worlds, qpos, qvel)
         self._read()
+        if self.guide is not None:
+            self.guide.settle(worlds, self.state, self.physics.qpos)
         self.action = self.action.clone()
         put(self.action, worlds, action)
 

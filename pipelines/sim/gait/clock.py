@@ -50,8 +50,10 @@ class GaitClock:
         stops = closed & (speed < gait.stop_speed) & (tilt < gait.stop_tilt)
         starts = ~self.stepping & (asked | (speed > gait.start_speed) | (tilt > gait.start_tilt))
         self.stepping = (self.stepping & ~stops) | starts
-        # The foot that carries less swings first.
-        first = gait.swing_share + torch.where(force[:, 0] > force[:, 1], 0.0, 0.5)
+        # A walk always starts with the same foot: who imitates both ways starts with neither. A
+        # step that keeps the robot up is made by the foot that carries less.
+        second = ~asked & (force[:, 0] > force[:, 1])
+        first = gait.swing_share + torch.where(second, 0.0, 0.5)
         phase = torch.where(starts, first, self.phase)
         moved = (phase + CONTROL_DT / gait.period) % 1.0
         self.phase = torch.where(self.stepping, moved, phase)

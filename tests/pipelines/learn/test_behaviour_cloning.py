@@ -39,7 +39,11 @@ def cloned():
     def starts(count):
         return torch.randint(0, len(kind) - 1, (count,), generator=generator)
 
-    error = clone(actor, embedding, data, starts, steps=400, batch=256, generator=generator)
+    def sample(count):
+        windows = starts(count)
+        return windows, embedding.moments(windows, generator)
+
+    error = clone(actor, embedding, data, sample, steps=400, batch=256, generator=generator)
     return actor, embedding, data, kind, error
 
 

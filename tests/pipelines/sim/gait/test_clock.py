@@ -27,11 +27,21 @@ def test_it_rests_until_it_is_asked(clock):
     assert clock.stepping
 
 
-@pytest.mark.parametrize(("force", "first"), [([[300.0, 100.0]], 1), ([[100.0, 300.0]], 0)])
-def test_the_foot_that_carries_less_swings_first(clock, force, first):
-    advance(clock, YES, force=torch.tensor(force))
+@pytest.mark.parametrize(
+    ("asked", "force", "first"),
+    [
+        (YES, [[300.0, 100.0]], 0),
+        (YES, [[100.0, 300.0]], 0),
+        (NO, [[300.0, 100.0]], 1),
+        (NO, [[100.0, 300.0]], 0),
+    ],
+)
+def test_a_walk_starts_with_the_first_foot_and_a_rescue_with_the_unloaded_one(
+    clock, asked, force, first
+):
+    advance(clock, asked, tilt=0.5, force=torch.tensor(force))
     while not clock.swings().any():
-        advance(clock, YES)
+        advance(clock, asked)
     assert clock.swings()[0].tolist() == [first == 0, first == 1]
 
 

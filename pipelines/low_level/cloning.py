@@ -1,0 +1,89 @@
+"""Cloning of the clips, and of what experts say about states beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from rsl_rl.models import MLPModel
+
+from lacoloco.pipelines.learn.ase import LATENT, POLICY
+from lacoloco.pipelines.learn.behaviour_cloning import CloningData, clone
+from lacoloco.pipelines.learn.skill_embedding import SkillEmbedding
+from lacoloco.pipelines.low_level.expert_labels import ExpertLabels, LabelledStates
+from lacoloco.pipelines.sim.clip_actions import ClipStates
+
+ASKED_SHARE = 0.5
+"""Share of a batch that is of states in which experts were asked, once there are any."""
+
+
+class Cloning:
+    """The data of a low level's pretraining, which grows with every round of questions."""
+
+    def __init__(
+        self,
+        clips: ClipStates,
+        embedding: SkillEmbedding,
+        data: CloningData,
+        starts: Callable[[int], torch.Tensor],
+        generator: torch.Generator,
+    ) -> None:
+        """Begin with the clips alone; ``starts(n)`` draws n rows at which windows begin."""
+        self._clips, self._embedding, self._data = clips, embedding, data
+        self._starts, self._generator = starts, generator
+        self._asked: LabelledStates | None = None
+
+    def fit(self, actor: MLPModel, steps: int) -> float:
+        """Fit the actor's mean, and the embedding with it; see
+        :func:`~lacoloco.pipelines.learn.behaviour_cloning.clone`.
+        """
+        data = self._data
+        if self._asked is not None:
+            data = data.extended(self._asked.frames, self._asked.previous, self._asked.actions)
+        return clone(
+            actor, self._embedding, data, self._sample, steps=steps, generator=self._generator
+        )
+
+    def ask(self, actor: MLPModel, labels: ExpertLabels) -> float:
+        """Let the actor perform clips, and keep what the experts say.
+
+        Returns:
+            Share of the steps before a fall.
+        """
+        ahead = self._embedding.config.ahead
+
+        @torch.no_grad()
+        def student(observation: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
+            # A latent is held while it stands for what the clip does, then the next one is taken.
+            first = self._first(rows)
+            windows = rows - (rows - first) % max(1, ahead)
+            groups = {POLICY: observation, LATENT: self._embedding(windows)}
+            mean: torch.Tensor = actor(groups)
+            return mean
+
+        new, possible = labels.collect(student)
+        self._asked = new if self._asked is None else LabelledStates.joined([self._asked, new])
+        return len(new) / possible
+
+    def _sample(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """(count,) rows at which windows begin, and rows of the data for their latents."""
+        asked = 0 if self._asked is None else round(ASKED_SHARE * count)
+        windows = self._starts(count - asked)
+        rows = self._embedding.moments(windows, self._generator)
+        if self._asked is None:
+            return windows, rows
+        chosen = self._integers(len(self._asked), asked)
+        performed = self._asked.rows[chosen]
+        back = self._integers(self._embedding.config.ahead + 1, asked)
+        earlier = torch.maximum(performed - back, self._first(performed))
+        offset = len(self._data.frames)
+        return torch.cat((windows, earlier)), torch.cat((rows, offset + chosen))
+
+    def _first(self, rows: torch.Tensor) -> torch.Tensor:
+        """(n,) first row of the clip that each row belongs to."""
+        number = torch.searchsorted(self._clips.first, rows, right=True) - 1
+        return self._clips.first[number]
+
+    def _integers(self, below: int, count: int) -> torch.Tensor:
+        generator = self._generator
+        return torch.randint(below, (count,), generator=generator, device=generator.device)

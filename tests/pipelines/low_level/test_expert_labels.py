@@ -1,0 +1,93 @@
+"""Experts that say what they would do where a policy is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.generate import smoke
+from lacoloco.pipelines.generation.config import smoke_expert
+from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
+from lacoloco.pipelines.generation.recorder import record
+from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
+from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions
+from lacoloco.pipelines.sim.tasks import load_task
+from lacoloco.pipelines.stage import StageContext
+
+SECONDS = 0.4
+
+
+@pytest.fixture
+def recorded(robot, make_context):
+    """Two walking clips and the expert that performed them, and a scale of imitation actions."""
+    expert = ExpertTrainer(robot, "walk", smoke_expert(), seed=0, device="cpu").policy()
+    config = replace(smoke(), seconds=SECONDS)
+    clips, _ = record(robot, "walk", expert, 2, config, make_context())
+    return clips, {"walk": expert}
+
+
+@pytest.fixture
+def make_context(tmp_path):
+    """Factory of contexts with a run of their own."""
+    from lacoloco.datasets.store import RunStore
+
+    return lambda: StageContext(RunStore(tmp_path / "runs"), "run")
+
+
+def labels_for(robot, clips, experts, worlds=8):
+    library = MotionLibrary(clips)
+    states = clip_states(library)
+    return ExpertLabels(robot, library, states, experts, worlds=worlds, seed=0), states
+
+
+def test_a_policy_that_does_what_was_recorded_is_told_the_same(robot, recorded):
+    """The policy replays the clip's own actions: the expert says them again, row by row."""
+    clips, experts = recorded
+    labels, states = labels_for(robot, clips, experts)
+    scale = load_task(robot, "imitate").action_scale
+    actions = infer_actions(robot, states, scale)
+    for env, *_ in labels._stages:
+        env.task = replace(env.task, randomisation=replace(env.task.randomisation, push=0.0))
+    told, possible = labels.collect(lambda observation, rows: actions[rows])
+    assert possible == 8 * round(SECONDS / 0.02)
+    assert len(told) == possible
+    same = (told.actions - actions[told.rows]).abs().max(dim=1).values
+    # Masses and friction are drawn anew, so that the robots part in the end.
+    assert same[told.rows == states.first[0]].max() < 1e-4
+    assert same.median() < 0.05
+
+
+def test_states_are_the_policys_own_and_labels_the_experts(robot, recorded):
+    """A policy that asks for another pose moves away from the clip and is contradicted."""
+    clips, experts = recorded
+    labels, states = labels_for(robot, clips, experts)
+    asked = 0.3 * torch.ones(robot.num_joints)
+    told, _ = labels.collect(lambda observation, rows: asked.expand(len(rows), -1))
+    moved = (told.frames - states.flattened().frames[told.rows]).abs().max(dim=1).values
+    assert moved.max() > 10 * moved[told.rows == states.first[0]].max().clamp_min(1e-3)
+    own = (told.previous == asked).all(dim=1)
+    assert own.any() and not own.all()
+    assert not (told.actions == asked).all(dim=1).any()
+
+
+def test_clips_that_do_not_say_what_was_commanded_are_refused(solo12, recorded):
+    clips, experts = recorded
+    silent = [replace(clip, command=None) for clip in clips]
+    if clips[0].joint_names != solo12.joint_names:
+        pytest.skip("one robot is enough")
+    with pytest.raises(StageError, match="expert_rounds=0"):
+        labels_for(solo12, silent, experts)
+
+
+def test_clips_keep_what_was_commanded(robot, recorded, tmp_path):
+    from lacoloco.datasets.clip import load_clips, save_clips
+
+    clips, _ = recorded
+    file = tmp_path / "motions.h5"
+    save_clips(file, clips, robot=(robot.name, robot.model_hash()), config={})
+    read = load_clips(file)
+    assert np.array_equal(read[0].command, clips[0].command)
+    assert read[0].resample(25.0).command is None
