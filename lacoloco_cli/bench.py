@@ -12,7 +12,7 @@ import typer
 
 from lacoloco_cli import console
 from lacoloco_cli.failures import UserError
-from lacoloco_cli.options import IN_A_RUN, READING, STAGE, Robot
+from lacoloco_cli.options import DEFAULT_ROBOT, IN_A_RUN, READING, STAGE, Robot
 from lacoloco_cli.session import Session, check_device, path_text, verb
 from lacoloco_cli.written_files import among_runs
 
@@ -28,7 +28,7 @@ MEASURING = (*(p for p in STAGE if p.name in ("preset", "overrides", "device")),
 @verb(app, "sim", shared=MEASURING)
 def bench_sim(
     session: Session,
-    robot: Robot = "solo12",
+    robot: Robot = DEFAULT_ROBOT,
     task: Annotated[
         str, typer.Option("--task", metavar="NAME", help="walk, reach_in_place, imitate or reach.")
     ] = "walk",
@@ -47,7 +47,7 @@ def bench_sim(
 @verb(app, "train", shared=MEASURING)
 def bench_train(
     session: Session,
-    robot: Robot = "solo12",
+    robot: Robot = DEFAULT_ROBOT,
     disc: Annotated[
         str, typer.Option("--disc", metavar="gan|drail", help="Discriminator.")
     ] = "drail",
@@ -66,7 +66,7 @@ def bench_train(
 
 
 @verb(app, "contacts", shared=READING)
-def bench_contacts(session: Session, robot: Robot = "solo12") -> None:
+def bench_contacts(session: Session, robot: Robot = DEFAULT_ROBOT) -> None:
     """How hard a fall hits the feet and how deep they sink, beside a rubber foot; what it costs."""
     from lacoloco.pipelines.sim import contact_bench as bench
 
@@ -87,7 +87,7 @@ def bench_retarget(
         list[str] | None,
         typer.Argument(metavar="[FILE|FOLDER|PATTERN]...", help="Default: the bundled dog."),
     ] = None,
-    robot: Robot = "solo12",
+    robot: Robot = DEFAULT_ROBOT,
 ) -> None:
     """Retargeting on one core: speed, what both modes make of the files, what they must show."""
     from lacoloco.datasets.samples import DOG_BVH

@@ -16,7 +16,7 @@ import typer
 
 from lacoloco_cli import console
 from lacoloco_cli.failures import USER_MISTAKE, one_line
-from lacoloco_cli.options import READING
+from lacoloco_cli.options import DEFAULT_ROBOT, READING
 from lacoloco_cli.session import Session, verb
 
 app = typer.Typer()
@@ -146,7 +146,7 @@ def check_simulation() -> Check:
     try:
         from lacoloco.pipelines.benchmarks.throughput import BenchConfig, bench_sim
 
-        figures = bench_sim(BenchConfig(worlds=256, steps=10, rounds=3))
+        figures = bench_sim(BenchConfig(worlds=256, steps=10, rounds=3), robot=DEFAULT_ROBOT)
     except Exception as error:  # whatever a broken installation raises is what is asked for
         return Check("simulation", False, one_line(f"{type(error).__name__}: {error}"), fix)
     rate, ratio = figures["steps_per_second"], figures["ratio_to_engine"]
@@ -175,8 +175,12 @@ def throughput(device: str) -> dict[str, float]:
     preset = PRESETS["gpu" if device == "cuda" else "laptop"]()
     config = replace(preset, rounds=1000, seconds=5.0)
     return {
-        "environment loop": bench_sim(config, device=device)["steps_per_second"],
-        "low-level training": bench_train(config, device=device)["steps_per_second"],
+        "environment loop": bench_sim(config, robot=DEFAULT_ROBOT, device=device)[
+            "steps_per_second"
+        ],
+        "low-level training": bench_train(config, robot=DEFAULT_ROBOT, device=device)[
+            "steps_per_second"
+        ],
     }
 
 

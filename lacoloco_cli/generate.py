@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lacoloco_cli.options import Robot
+from lacoloco_cli.options import DEFAULT_ROBOT, Robot
 from lacoloco_cli.session import Session, path_text, verb
 
 app = typer.Typer()
@@ -15,7 +15,7 @@ app = typer.Typer()
 @verb(app)
 def generate(
     session: Session,
-    robot: Robot = "solo12",
+    robot: Robot = DEFAULT_ROBOT,
     retrain: Annotated[
         bool, typer.Option("--retrain", help="Train the experts again, even if there are some.")
     ] = False,

@@ -51,6 +51,9 @@ AsJson = Annotated[bool, _option("--json", help="Print exactly one JSON object o
 Quiet = Annotated[bool, _option("--quiet", "-q", help="Show no progress.")]
 Debug = Annotated[bool, _option("--debug", help="Show the traceback of an error.")]
 
+DEFAULT_ROBOT = "solo12"
+"""The robot of the paper, which a verb takes where none is named."""
+
 # own options of several verbs
 Robot = Annotated[
     str,

@@ -11,7 +11,7 @@ import typer
 from lacoloco_cli import console
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.option_group import with_options
-from lacoloco_cli.options import Robot
+from lacoloco_cli.options import DEFAULT_ROBOT, Robot
 from lacoloco_cli.session import Session, path_text, verb
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def retarget(
             metavar="[FILE|FOLDER|PATTERN]...", help="BVH files; default: the bundled dog."
         ),
     ] = None,
-    robot: Robot = "solo12",
+    robot: Robot = DEFAULT_ROBOT,
     maps: Annotated[
         bool, typer.Option("--maps", help="List the maps and selections that come with lacoloco.")
     ] = False,

@@ -66,7 +66,7 @@ PRESETS: dict[str, Callable[[], GenerateConfig]] = {
 
 
 def run(
-    config: GenerateConfig, context: StageContext, *, robot: str = "solo12", retrain: bool = False
+    config: GenerateConfig, context: StageContext, *, robot: str, retrain: bool = False
 ) -> StageResult:
     """Record clips of both experts; train the experts first when the run has none for this robot,
     or if asked to.
@@ -100,7 +100,7 @@ def run(
 
 
 def work(
-    config: GenerateConfig, context: StageContext, *, robot: str = "solo12", retrain: bool = False
+    config: GenerateConfig, context: StageContext, *, robot: str, retrain: bool = False
 ) -> Work:
     """What clips, and experts trained for them, are made from; which experts perform is not
     compared.

@@ -59,7 +59,7 @@ def run(
     config: RetargetConfig,
     context: StageContext,
     *,
-    robot: str = "solo12",
+    robot: str,
     sources: Sequence[str | Path] = (),
     jobs: int = 0,
     force: bool = False,

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.robot import record_of, robot_of
+from lacoloco.pipelines.sim.commands import TargetCommand, VelocityCommand
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.tasks import Task, load_task, load_task_file
 from lacoloco.pipelines.stage import StageContext, StageResult
@@ -115,7 +117,9 @@ def run(
         return metrics
 
     asked = work(config, context, low=low, task=task)
-    stage = TrainStage("train-high", method, config, context, asked, LOG_KEYS, high_level_warnings)
+    moves = isinstance(rules.command, TargetCommand | VelocityCommand)
+    warnings = partial(high_level_warnings, walk_speed=spec.skills.walk_speed if moves else 0.0)
+    stage = TrainStage("train-high", method, config, context, asked, LOG_KEYS, warnings)
     pretraining = "trying latents and fitting the first policy to where they led"
     return stage.run(make_trainer, save, pretraining if mine.hindsight.decisions else None)
 

@@ -117,13 +117,18 @@ def table(config: GpuBenchConfig, device: str) -> list[Row]:
     )
 
     def training() -> dict[str, Any]:
-        figures = bench_train(size, device=device)
+        figures = bench_train(size, robot="solo12", device=device)
         # Not measured, but what the rate amounts to.
         minutes = train_low.paper().samples / figures["steps_per_second"] / 60.0
         return {**figures, "paper_budget_minutes_at_this_rate": minutes}
 
     return [
-        Row("Solo12 env loop", partial(bench_sim, size, device=device), 400_000, 1_000_000),
+        Row(
+            "Solo12 env loop",
+            partial(bench_sim, size, robot="solo12", device=device),
+            400_000,
+            1_000_000,
+        ),
         Row("Solo12 ASE + DRAIL + CaT training", training, 200_000, 400_000),
         Row("H1 env loop", partial(bench_sim, size, robot="h1", device=device), 150_000, 400_000),
     ]

@@ -44,9 +44,7 @@ BOTH = {
 """Figures that are compared, and what they are called here."""
 
 
-def bench_retarget(
-    robot: str = "solo12", sources: Sequence[Path] = (), rounds: int = 3
-) -> dict[str, float]:
+def bench_retarget(robot: str, sources: Sequence[Path] = (), rounds: int = 3) -> dict[str, float]:
     """Measure, on one core and in processor time, so that other work on the machine counts little.
 
     Args:
@@ -99,7 +97,7 @@ def usable(robot: str, sources: Sequence[Path]) -> tuple[list[Path], list[str]]:
     return good, bad
 
 
-def compare_modes(robot: str = "solo12", sources: Sequence[Path] = ()) -> list[dict[str, Any]]:
+def compare_modes(robot: str, sources: Sequence[Path] = ()) -> list[dict[str, Any]]:
     """Retarget files in both modes and put their figures side by side.
 
     Args:
@@ -171,7 +169,7 @@ def verdicts(rows: Sequence[Mapping[str, Any]], speed: Mapping[str, float]) -> l
 
 
 def other_starts(
-    robot: str = "solo12", sources: Sequence[Path] = (), every: int = 50, starts: int = 4
+    robot: str, sources: Sequence[Path] = (), every: int = 50, starts: int = 4
 ) -> dict[str, float]:
     """Compare the paper's mode with independent solves of single frames.
 

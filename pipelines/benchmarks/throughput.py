@@ -78,7 +78,7 @@ PRESETS: dict[str, Callable[[], BenchConfig]] = {
 
 
 def bench_sim(
-    config: BenchConfig, *, robot: str = "solo12", task: str = "walk", device: str = "cpu"
+    config: BenchConfig, *, robot: str, task: str = "walk", device: str = "cpu"
 ) -> dict[str, Any]:
     """The environment loop: physics, rewards, constraints, resets, observations, under random
     actions.
@@ -117,7 +117,7 @@ def bench_sim(
 def bench_train(
     config: BenchConfig,
     *,
-    robot: str = "solo12",
+    robot: str,
     disc: str = "drail",
     cat: bool = True,
     device: str = "cpu",

@@ -9,6 +9,7 @@ mean nothing yet.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 Metrics = Mapping[str, Any]
@@ -35,9 +36,9 @@ second share of that.
 """
 ONE_LATENT = 0.95
 """Mean resultant length of the chosen latents: all within some 18 degrees of one direction."""
-STILL_SPEED = 0.03
-"""Mean speed [m/s] below which a high level goes nowhere: 30 cm in an episode whose target is up to
-1.5 m away.
+STILL_SHARE = 0.2
+"""Share of the robot's walking speed below which a high level goes nowhere. Solo12: 0.03 m/s, 30 cm
+in an episode whose target is up to 1.5 m away.
 """
 
 
@@ -53,9 +54,15 @@ def low_level_warnings(history: History) -> list[str]:
     return _all(checks, history)
 
 
-def high_level_warnings(history: History) -> list[str]:
-    """All that holds of a high level's training now."""
-    return _all((one_latent_only, goes_nowhere), history)
+def high_level_warnings(history: History, walk_speed: float) -> list[str]:
+    """All that holds of a high level's training now.
+
+    Args:
+        history: Metrics so far.
+        walk_speed: From which the robot counts as walking, m/s; 0 for a task that can be done
+            without walking.
+    """
+    return _all((one_latent_only, partial(goes_nowhere, walk_speed=walk_speed)), history)
 
 
 def discriminator_saturated(history: History) -> str | None:
@@ -146,10 +153,10 @@ def one_latent_only(history: History) -> str | None:
     return None
 
 
-def goes_nowhere(history: History) -> str | None:
+def goes_nowhere(history: History, walk_speed: float) -> str | None:
     """The high level has learned to stand."""
     speed = _mean(history, "speed")
-    if speed < STILL_SPEED:
+    if speed < STILL_SHARE * walk_speed:
         return (
             f"policy just stands: {speed:.3f} m/s on average; see what the low level can do: "
             "`lacoloco play --latents`"
@@ -164,7 +171,7 @@ def _all(checks: Sequence[Callable[[History], str | None]], history: History) ->
 
 
 def _mean(history: History, name: str) -> float:
-    """Mean of the last iterations that have the figure; NaN, which no threshold is passed by, where
+    """Mean of the last iterations that have the metric; NaN, which no threshold is passed by, where
     none has.
     """
     values = [metrics[name] for metrics in history[-WINDOW:] if name in metrics]
@@ -172,5 +179,5 @@ def _mean(history: History, name: str) -> float:
 
 
 def _latest(history: History, name: str) -> Metrics:
-    """The newest iteration that has the figure."""
+    """The newest iteration that has the metric."""
     return next((metrics for metrics in reversed(history) if name in metrics), {})

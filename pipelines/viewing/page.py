@@ -29,9 +29,9 @@ FLOAT32 = 0x17
 """Extension type of meshcat's messages for an array of single-precision numbers."""
 TRACE, TARGET, BONES = 0x2A6FDB, 0xD7263D, 0x7A5C3E
 """Colours of the end effector's trace, the target and the animal."""
-JOINT, ASIDE = 0.02, 0.5
-"""m: size of the animal's joints, and how far to the left of the robot it walks when not over
-it.
+BALL, ASIDE, LOOKED_AT = 0.065, 1.6, 0.48
+"""In standing heights of the robot: radius of the target and size of the animal's joints; how far
+to the left of the robot the animal walks when not over it; height of the point the camera looks at.
 """
 
 
@@ -46,15 +46,17 @@ def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> 
     Returns:
         HTML that needs no other file and no network.
     """
-    commands = [*scene.world_commands(), *scene.robot_commands(spec)]
+    height = spec.default_height()
+    commands = [*scene.world_commands(height), *scene.robot_commands(spec)]
     end_effectors = EndEffector(spec)
     played = []
     for index, recording in enumerate(recordings):
         reached = end_effectors.positions(recording)
-        commands += _extras(index, recording, reached)
+        commands += _extras(index, recording, reached, BALL * height)
         animation = _packed(_animation(spec, recording))
-        played.append(_player_data(recording, reached) | {"animation": animation})
+        played.append(_player_data(recording, reached, ASIDE * height) | {"animation": animation})
     data = {
+        "eyeHeight": LOOKED_AT * height,
         "feet": [
             {"name": foot.removesuffix("_FOOT"), "geoms": scene.geom_paths(spec.model(), foot)}
             for foot in spec.feet
@@ -90,16 +92,20 @@ class EndEffector:
         return self._positions(*poses)[:, 0]
 
 
-def _extras(index: int, recording: Recording, reached: np.ndarray) -> list[scene.Command]:
-    """Trace, target and animal of one recording, below a node that is shown with it."""
+def _extras(
+    index: int, recording: Recording, reached: np.ndarray, size: float
+) -> list[scene.Command]:
+    """Trace, target and animal of one recording, below a node that is shown with it; the balls have
+    this size, m.
+    """
     root = f"{scene.WORLD}/recording{index}"
     commands = [scene.line_command(f"{root}/trace", reached, TRACE)]
     if recording.target is not None:
-        commands.append(scene.marker_command(f"{root}/target", 0.02, TARGET))
+        commands.append(scene.marker_command(f"{root}/target", size, TARGET))
     if recording.skeleton is not None:
         commands.append(scene.segments_command(f"{root}/bones", len(recording.bones), BONES))
         count = recording.skeleton.shape[1]
-        commands.append(scene.points_command(f"{root}/joints", count, BONES, JOINT))
+        commands.append(scene.points_command(f"{root}/joints", count, BONES, size))
     return commands
 
 
@@ -138,8 +144,8 @@ def _clip(fps: float, series: Mapping[str, np.ndarray]) -> dict[str, Any]:
     return {"fps": fps, "name": "default", "tracks": tracks}
 
 
-def _player_data(recording: Recording, reached: np.ndarray) -> dict[str, Any]:
-    """What the player writes down or colours at each frame."""
+def _player_data(recording: Recording, reached: np.ndarray, aside: float) -> dict[str, Any]:
+    """What the player writes down or colours at each frame; the animal may walk so far aside, m."""
     travel = smooth(recording.root_pos[:, :2], 0.3 * recording.fps)
     speed = np.linalg.norm(np.gradient(recording.root_pos[:, :2], axis=0), axis=1) * recording.fps
     data: dict[str, Any] = {
@@ -163,7 +169,7 @@ def _player_data(recording: Recording, reached: np.ndarray) -> dict[str, Any]:
         left = rotations.rotate(recording.root_quat, np.array([0.0, 1.0, 0.0]))[:, :2]
         left = smooth(left, 0.3 * recording.fps)
         data |= {"skeleton": base64.b64encode(points).decode(), "bones": recording.bones}
-        data["aside"] = _rounded(ASIDE * left / np.linalg.norm(left, axis=1, keepdims=True))
+        data["aside"] = _rounded(aside * left / np.linalg.norm(left, axis=1, keepdims=True))
     return data
 
 

@@ -3,8 +3,8 @@
 // &animal=over|beside|hidden.
 "use strict";
 (() => {
-  const { scene, recordings, feet } = window.PLAYBACK;
-  const STANDS = 0x1f9d55, EYE_HEIGHT = 0.15;
+  const { scene, recordings, feet, eyeHeight } = window.PLAYBACK;
+  const STANDS = 0x1f9d55;
   const byId = (id) => document.getElementById(id);
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const viewer = new MeshCat.Viewer(byId("meshcat-pane"));
@@ -85,7 +85,7 @@
 
   // meshcat's camera looks at the origin whatever happens, so the world moves instead.
   function follow(x, y) {
-    node("world").object.position.set(-x, -y, -EYE_HEIGHT);
+    node("world").object.position.set(-x, -y, -eyeHeight);
   }
 
   function drawBones(recording, frame) {

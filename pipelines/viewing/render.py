@@ -28,8 +28,8 @@ SUN = np.array([0.0, 0.0, -3.0])
 """m, from where its light starts to the point the camera looks at. Straight down: where its shadows
 end on a floor that is not across, there are specks."""
 TARGET_RGBA = (1.0, 0.12, 0.2, 1.0)
-TARGET_RADIUS = 0.03
-"""m; larger than on the page, whose pictures are larger."""
+TARGET_RADIUS = 0.095
+"""In standing heights of the robot; larger than on the page, whose pictures are larger."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,9 @@ def scene_model(spec: RobotSpec, look: Look, *, ball: bool) -> mujoco.MjModel:
     if ball:
         target = scene.worldbody.add_body(name="target", mocap=True)
         sphere = mujoco.mjtGeom.mjGEOM_SPHERE
-        target.add_geom(type=sphere, size=[TARGET_RADIUS, 0, 0], rgba=TARGET_RGBA)
+        target.add_geom(
+            type=sphere, size=[TARGET_RADIUS * spec.default_height(), 0, 0], rgba=TARGET_RGBA
+        )
     return scene.compile()
 
 

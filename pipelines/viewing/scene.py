@@ -26,6 +26,10 @@ WORLD = "world"
 meshcat's controls always look at the origin."""
 GROUND_SIZE = 60.0
 """m."""
+CAMERA = np.array([2.07, 0.95, 2.38])
+"""Where the camera stands, in standing heights of the robot; meshcat turns its camera's frame so
+that y is up there: (x, z, -y) of the world.
+"""
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -57,8 +61,12 @@ def geom_paths(model: mujoco.MjModel, body: str) -> list[str]:
     return [f"{body_path(model, owner)}/geom{geom}" for geom in geoms]
 
 
-def world_commands() -> list[Command]:
-    """Ground at z = 0 in squares of half a metre, a sky, and where the camera stands."""
+def world_commands(height: float) -> list[Command]:
+    """Ground at z = 0 in squares of half a metre, a sky, and where the camera stands.
+
+    Args:
+        height: Of the robot in standing, m.
+    """
     ground = g.Box([GROUND_SIZE, GROUND_SIZE, 0.02])
     # Phong is lit per pixel; Lambert would be lit at the distant corners only, and take no shadow.
     material = g.MeshPhongMaterial(map=_checkers(GROUND_SIZE), specular=0)
@@ -76,8 +84,7 @@ def world_commands() -> list[Command]:
         _property("Lights/SpotLight/<object>", "position", [0.5, 0.8, 3.0]),
         _property("Lights/SpotLight/<object>", "intensity", 0.5),
         _property("Lights/SpotLight/<object>", "penumbra", 1.0),
-        # meshcat turns its camera's frame so that y is up there: (x, z, -y) of the world.
-        _property("Cameras/default/rotated/<object>", "position", [0.65, 0.3, 0.75]),
+        _property("Cameras/default/rotated/<object>", "position", (CAMERA * height).tolist()),
     ]
 
 

@@ -44,14 +44,14 @@ def test_throughput_is_measured_if_asked_for(monkeypatch):
 
     asked = []
 
-    def measured(config, *, device):
-        asked.append((config.seconds, config.worlds, device))
+    def measured(config, *, robot, device):
+        asked.append((config.seconds, config.worlds, robot, device))
         return {"steps_per_second": 1000.0 * len(asked)}
 
     for name in ("bench_sim", "bench_train"):
         monkeypatch.setattr(bench, name, measured)
     assert doctor.throughput("cuda") == {"environment loop": 1000.0, "low-level training": 2000.0}
-    assert asked == [(5.0, 4096, "cuda")] * 2
+    assert asked == [(5.0, 4096, "solo12", "cuda")] * 2
 
 
 def test_mujoco_left_over_from_before_the_split_is_found(monkeypatch):
@@ -111,7 +111,7 @@ def test_read_only_runs_folder_is_found(read_only_folder):
 def test_simulation_that_does_not_run_is_found(monkeypatch):
     from lacoloco.pipelines.benchmarks import throughput as bench
 
-    def broken(config):
+    def broken(config, *, robot):
         raise OSError("libmujoco.so: cannot be opened")
 
     monkeypatch.setattr(bench, "bench_sim", broken)

@@ -69,9 +69,9 @@ def test_clips_are_clean_and_as_many_as_asked_for(chain):
 
 def test_experts_are_trained_once(chain):
     experts = chain.context.store.all("chain", "experts")
-    generate.run(generate.smoke(), chain.context)
+    generate.run(generate.smoke(), chain.context, robot="solo12")
     assert chain.context.store.all("chain", "experts") == experts
-    generate.run(generate.smoke(), chain.context, retrain=True)
+    generate.run(generate.smoke(), chain.context, robot="solo12", retrain=True)
     assert len(chain.context.store.all("chain", "experts")) == len(experts) + 1
 
 

@@ -19,6 +19,7 @@ from lacoloco.pipelines.stage import StageContext
 from lacoloco.pipelines.viewing import page as pages
 from lacoloco.pipelines.viewing import recording
 from lacoloco.pipelines.viewing.recording import Recording
+from lacoloco.pipelines.viewing.scene import world_commands
 from lacoloco.robots.registry import load_robot, robot_names
 
 FRAMES, FPS = 20, 50.0
@@ -121,7 +122,7 @@ def test_the_page_says_what_holds_at_each_frame(full, solo12):
     skeleton = np.frombuffer(base64.b64decode(entry["skeleton"]), "<f4")
     np.testing.assert_allclose(skeleton.reshape(full.skeleton.shape), full.skeleton, atol=1e-6)
     aside = np.linalg.norm(entry["aside"], axis=1)
-    np.testing.assert_allclose(aside, pages.ASIDE, atol=2e-3)
+    np.testing.assert_allclose(aside, pages.ASIDE * solo12.default_height(), atol=2e-3)
 
 
 @pytest.mark.parametrize("name", robot_names())
@@ -164,6 +165,15 @@ def local_pose(command, fixed, path, frame):
         if ".position" in series:
             pose[:3, 3] = series[".position"].reshape(-1, 3)[frame]
     return pose
+
+
+def test_the_camera_stands_back_from_a_larger_robot(solo12):
+    small, large = (
+        next(c["value"] for c in world_commands(height) if c["path"].startswith("/Cameras"))
+        for height in (solo12.default_height(), 1.0)
+    )
+    assert small == pytest.approx([0.65, 0.3, 0.75], abs=2e-3)
+    assert np.allclose(large, np.array(small) / solo12.default_height())
 
 
 def test_every_geom_of_the_robot_is_drawn(solo12, full):

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,8 @@ FIGURES = {
 }
 QUICK = RetargetConfig(pictures=False)
 
+retarget_run = partial(retarget.run, robot="solo12")
+
 
 @pytest.fixture
 def context(tmp_path):
@@ -43,7 +46,7 @@ def context(tmp_path):
 def whole_dog(tmp_path_factory):
     """The bundled dog, retargeted as by default."""
     store = RunStore(tmp_path_factory.mktemp("dog") / "runs")
-    return retarget.run(RetargetConfig(), StageContext(store, "dog"))
+    return retarget_run(RetargetConfig(), StageContext(store, "dog"))
 
 
 @pytest.fixture
@@ -71,7 +74,7 @@ def short_dog(tmp_path):
     ],
 )
 def test_the_bundled_dog_becomes_a_clip(context, whole_dog, config, worst_error):
-    result = whole_dog if config == RetargetConfig() else retarget.run(config, context)
+    result = whole_dog if config == RetargetConfig() else retarget_run(config, context)
     (figures,) = result.metrics["clips"]
     assert set(figures) >= FIGURES
     assert figures["frames"] == 721
@@ -147,7 +150,7 @@ def test_one_bad_file_is_reported_and_the_rest_is_kept(context, short_dog, tmp_p
     bad = tmp_path / "bad.bvh"
     bad.write_text("HIERARCHY\nnonsense")
     files = [bad, short_dog(), short_dog(slice(100, 160), "b.bvh")]
-    result = retarget.run(QUICK, context, sources=files, jobs=1)
+    result = retarget_run(QUICK, context, sources=files, jobs=1)
     assert [clip.name for clip in load_clips(result.artifact)] == ["short", "b"]
     (skipped,) = result.metrics["skipped"]
     assert skipped["file"] == str(bad)
@@ -158,26 +161,26 @@ def test_the_only_file_being_bad_is_an_error_and_leaves_nothing(context, tmp_pat
     bad = tmp_path / "bad.bvh"
     bad.write_bytes(b"\x89PNG\r\n")
     with pytest.raises(DatasetError, match=r"bad\.bvh"):
-        retarget.run(RetargetConfig(), context, sources=[bad])
+        retarget_run(RetargetConfig(), context, sources=[bad])
     assert not context.store.all("dog", "retarget")
     assert not context.store.partials("dog", "retarget")
 
 
 def test_all_of_several_files_being_bad_is_an_error(context, tmp_path):
     with pytest.raises(StageError, match=r"none of 2 files.*a\.bvh"):
-        retarget.run(RetargetConfig(), context, sources=[tmp_path / "a.bvh", tmp_path / "b.bvh"])
+        retarget_run(RetargetConfig(), context, sources=[tmp_path / "a.bvh", tmp_path / "b.bvh"])
 
 
 def test_a_single_frame_is_no_motion(context, short_dog):
     with pytest.raises(DatasetError, match="one frame"):
-        retarget.run(RetargetConfig(), context, sources=[short_dog(slice(0, 1))])
+        retarget_run(RetargetConfig(), context, sources=[short_dog(slice(0, 1))])
 
 
 def test_a_missing_joint_is_named(context, short_dog):
     path = short_dog()
     path.write_text(path.read_text().replace("LeftForeArm", "Elbow").replace("RightHand", "Paw"))
     with pytest.raises(DatasetError, match="RightHand"):
-        retarget.run(RetargetConfig(), context, sources=[path])
+        retarget_run(RetargetConfig(), context, sources=[path])
 
 
 @pytest.mark.parametrize(("text", "value"), [("none", None), ("auto", "auto"), ("0.7", 0.7)])
@@ -193,7 +196,7 @@ def test_scales_that_are_not(text):
 
 def test_the_clip_of_the_original_has_no_failure(shared, context):
     path = shared / "data/mocap/bvh/D1_031_KAN01_001.bvh"
-    result = retarget.run(retarget.paper(), context, sources=[path])
+    result = retarget_run(retarget.paper(), context, sources=[path])
     (figures,) = result.metrics["clips"]
     assert (figures["frames"], figures["solver_failures"]) == (1263, 0)
     assert figures["scale"] == 1.0
@@ -202,7 +205,7 @@ def test_the_clip_of_the_original_has_no_failure(shared, context):
 
 def test_thirty_frames_per_second_in_another_channel_order(shared, context):
     path = shared / "data/mocap/bvh/Dog_example_zyx_30fps.bvh"
-    result = retarget.run(RetargetConfig(), context, sources=[path])
+    result = retarget_run(RetargetConfig(), context, sources=[path])
     (clip,) = load_clips(result.artifact)
     assert clip.fps == pytest.approx(30.0, rel=1e-3)
     assert result.metrics["clips"][0]["solver_failures"] == 0
@@ -214,9 +217,9 @@ def arrays(result):
 
 def test_each_clip_has_its_picture(context, short_dog):
     files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
-    one = retarget.run(RetargetConfig(), context, sources=files[:1])
+    one = retarget_run(RetargetConfig(), context, sources=files[:1])
     assert (one.artifact.parent / "report.png").read_bytes().startswith(b"\x89PNG")
-    two = retarget.run(RetargetConfig(), context, sources=files, jobs=1)
+    two = retarget_run(RetargetConfig(), context, sources=files, jobs=1)
     pictures = sorted(path.name for path in (two.artifact.parent / "reports").iterdir())
     assert pictures == ["b.png", "short.png"]
     assert sorted(path.name for path in two.artifact.parent.iterdir()) == ["artifact.h5", "reports"]
@@ -224,26 +227,26 @@ def test_each_clip_has_its_picture(context, short_dog):
 
 def test_only_what_is_missing_is_made(context, short_dog, monkeypatch):
     files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
-    first = retarget.run(QUICK, context, sources=files[:1])
+    first = retarget_run(QUICK, context, sources=files[:1])
     made = []
     work = Worker.work
     monkeypatch.setattr(Worker, "work", lambda self, task, *rest: (
         made.append(task.name), work(self, task, *rest))[1])  # fmt: skip
-    second = retarget.run(QUICK, context, sources=files, jobs=1)
+    second = retarget_run(QUICK, context, sources=files, jobs=1)
     assert made == ["b"]
     assert second.metrics["kept"] == 1
     assert [clip.name for clip in load_clips(second.artifact)] == ["short", "b"]
     np.testing.assert_array_equal(arrays(second)["joint_pos"][:60], arrays(first)["joint_pos"])
     # all is there: nothing is made, and nothing is written
-    third = retarget.run(QUICK, context, sources=files, jobs=1)
+    third = retarget_run(QUICK, context, sources=files, jobs=1)
     assert third.artifact == second.artifact
     assert len(context.store.all("dog", "retarget")) == 2
     # another config, another motion of the file, or asked for: anew
     made.clear()
-    retarget.run(replace(QUICK, fps=30.0), context, sources=files[:1])
+    retarget_run(replace(QUICK, fps=30.0), context, sources=files[:1])
     short_dog(slice(20, 80))
-    retarget.run(QUICK, context, sources=files[:1])
-    retarget.run(QUICK, context, sources=files[:1], force=True)
+    retarget_run(QUICK, context, sources=files[:1])
+    retarget_run(QUICK, context, sources=files[:1], force=True)
     assert made == ["short"] * 3
 
 
@@ -258,10 +261,10 @@ def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatc
 
     monkeypatch.setattr(Worker, "work", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        retarget.run(QUICK, context, sources=files, jobs=1)
+        retarget_run(QUICK, context, sources=files, jobs=1)
     assert context.store.partials("dog", "retarget")
     monkeypatch.setattr(Worker, "work", work)
-    result = retarget.run(QUICK, replace(context, resume=True), sources=files, jobs=1)
+    result = retarget_run(QUICK, replace(context, resume=True), sources=files, jobs=1)
     assert result.metrics["kept"] == 1
     assert not context.store.partials("dog", "retarget")
     assert [clip.name for clip in load_clips(result.artifact)] == ["short", "b"]
@@ -272,8 +275,8 @@ def test_several_processes_make_the_same_and_report_what_is_bad(context, short_d
     bad = tmp_path / "bad.bvh"
     bad.write_text("HIERARCHY")
     files = [short_dog(), bad, short_dog(slice(100, 160), "b.bvh")]
-    alone = retarget.run(QUICK, context, sources=files, jobs=1)
-    spread = retarget.run(QUICK, replace(context, run="spread"), sources=files, jobs=2)
+    alone = retarget_run(QUICK, context, sources=files, jobs=1)
+    spread = retarget_run(QUICK, replace(context, run="spread"), sources=files, jobs=2)
     assert [clip.name for clip in load_clips(spread.artifact)] == ["short", "b"]
     assert spread.metrics["skipped"] == alone.metrics["skipped"]
     np.testing.assert_array_equal(arrays(spread)["joint_pos"], arrays(alone)["joint_pos"])
@@ -284,20 +287,20 @@ def test_a_selection_takes_parts_of_files_and_tells_what_is_absent(context, shor
     selection = tmp_path / "mine.toml"
     selection.write_text("[clips]\nshort = [10, 50]\ngone = []\n")
     config = replace(QUICK, select=str(selection))
-    result = retarget.run(config, context, sources=[tmp_path])
+    result = retarget_run(config, context, sources=[tmp_path])
     (figures,) = result.metrics["clips"]
     assert figures["frames"] == 40
     assert result.metrics["absent"] == ["gone"]
     selection.write_text("[clips]\ngone = []\n")
     with pytest.raises(StageError, match="none of its 1 recordings"):
-        retarget.run(config, context, sources=[tmp_path])
+        retarget_run(config, context, sources=[tmp_path])
 
 
 def test_part_rate_and_mirror_image(context, short_dog):
     path = short_dog(slice(0, 120))
-    plain = retarget.run(replace(QUICK, trim="0.5s:1.5s", fps=30.0), context, sources=[path])
+    plain = retarget_run(replace(QUICK, trim="0.5s:1.5s", fps=30.0), context, sources=[path])
     config = replace(QUICK, trim="0.5s:1.5s", fps=30.0, mirror=True)
-    image = retarget.run(config, context, sources=[path])
+    image = retarget_run(config, context, sources=[path])
     (straight,), (mirrored,) = load_clips(plain.artifact), load_clips(image.artifact)
     assert (straight.frames, straight.fps) == (30, 30.0)
     np.testing.assert_array_equal(mirrored.contacts[:, [1, 0, 3, 2]], straight.contacts)
@@ -312,7 +315,7 @@ def test_every_file_in_six_variants(context, short_dog):
     """
     path = short_dog(slice(0, 60))
     config = replace(QUICK, augment=True, augment_bends=(0.8, -0.5))
-    result = retarget.run(config, context, sources=[path])
+    result = retarget_run(config, context, sources=[path])
     clips = {clip.name.removeprefix(path.stem): clip for clip in load_clips(result.artifact)}
     assert list(clips) == [
         "",
@@ -322,7 +325,7 @@ def test_every_file_in_six_variants(context, short_dog):
         "_bend-0.5",
         "_mirror_bend+0.5",
     ]
-    alone = retarget.run(
+    alone = retarget_run(
         replace(QUICK, mirror=True, bend=-0.8), context, sources=[path], force=True
     )
     np.testing.assert_array_equal(
@@ -338,18 +341,18 @@ def test_every_file_in_six_variants(context, short_dog):
 
 def test_another_skeleton_needs_a_map_and_then_gives_the_same(context, short_dog, tmp_path):
     path = short_dog()
-    plain = retarget.run(QUICK, context, sources=[path])
+    plain = retarget_run(QUICK, context, sources=[path])
     other = tmp_path / "other.bvh"
     other.write_text(path.read_text().replace("Hand", "Wrist").replace("UpLeg", "Thigh"))
     with pytest.raises(DatasetError, match="'mann-dog', needs LeftHand, RightHand, LeftUpLeg"):
-        retarget.run(QUICK, context, sources=[other])
+        retarget_run(QUICK, context, sources=[other])
     text = (Path(retarget.__file__).parent / "retargeting/mocap/maps/mann-dog.toml").read_text()
     own = tmp_path / "own.toml"
     own.write_text(text.replace("Hand", "Wrist").replace("UpLeg", "Thigh"))
-    result = retarget.run(replace(QUICK, map=str(own)), context, sources=[other])
+    result = retarget_run(replace(QUICK, map=str(own)), context, sources=[other])
     np.testing.assert_array_equal(arrays(result)["joint_pos"], arrays(plain)["joint_pos"])
     own.write_text(own.read_text().replace('scale = "limbs"', "scale = 0.6"))
-    result = retarget.run(replace(QUICK, map=str(own)), context, sources=[other])
+    result = retarget_run(replace(QUICK, map=str(own)), context, sources=[other])
     assert result.metrics["clips"][0]["scale"] == 0.6
 
 
@@ -357,11 +360,11 @@ def test_warnings_are_kept_with_the_clip(context, short_dog):
     path = short_dog()
     text = path.read_text().replace("Left", "@").replace("Right", "Left").replace("@", "Right")
     path.write_text(text)
-    result = retarget.run(replace(QUICK, mode="paper"), context, sources=[path])
+    result = retarget_run(replace(QUICK, mode="paper"), context, sources=[path])
     clip = result.metrics["clips"][0]
     assert "sides_swapped" in clip["warnings"]
     assert any("left and right" in note for note in clip["notes"])
-    mended = retarget.run(replace(QUICK, mode="paper", swap_sides=True), context, sources=[path])
+    mended = retarget_run(replace(QUICK, mode="paper", swap_sides=True), context, sources=[path])
     assert "sides_swapped" not in mended.metrics["clips"][0]["warnings"]
 
 
@@ -380,11 +383,11 @@ def test_warnings_are_kept_with_the_clip(context, short_dog):
 )
 def test_impossible_options_are_refused_before_the_work(context, change, words):
     with pytest.raises((StageError, ConfigError), match=words):
-        retarget.run(replace(QUICK, **change), context)
+        retarget_run(replace(QUICK, **change), context)
     assert not context.store.partials("dog", "retarget")
 
 
 def test_what_is_mostly_guessed_is_no_clip(context, short_dog):
     """The sample at five times the robot's size: its legs reach no target."""
     with pytest.raises(DatasetError, match="could not be solved: the robot cannot do this"):
-        retarget.run(replace(QUICK, scale="5"), context, sources=[short_dog()])
+        retarget_run(replace(QUICK, scale="5"), context, sources=[short_dog()])

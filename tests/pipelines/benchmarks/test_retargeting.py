@@ -6,7 +6,7 @@ from lacoloco.pipelines.benchmarks import retargeting as bench
 
 def test_the_benchmark_answers_with_both_rates_and_their_ratio(monkeypatch):
     monkeypatch.setattr(bench, "REBUILT", 4)
-    figures = bench.bench_retarget(rounds=1)
+    figures = bench.bench_retarget("solo12", rounds=1)
     assert figures["frames"] == 721
     ratio = figures["frames_per_second"] / figures["rebuilt_frames_per_second"]
     assert figures["ratio_to_engine"] == ratio
@@ -14,7 +14,7 @@ def test_the_benchmark_answers_with_both_rates_and_their_ratio(monkeypatch):
 
 
 def test_both_modes_are_compared_on_the_same_targets_and_judged(dog_file):
-    (row,) = bench.compare_modes(sources=[dog_file])
+    (row,) = bench.compare_modes("solo12", sources=[dog_file])
     assert row["frames"] == 60
     assert row["paper_skate"] > row["clip_skate"]
     assert row["error_ratio"] == row["clip_error"] / row["paper_error"]

@@ -17,7 +17,7 @@ SMOKE = PRESETS["smoke"]()
 
 @pytest.mark.parametrize("task", ["walk", "reach_in_place", "imitate", "reach"])
 def test_every_task_can_be_measured(task):
-    answer = bench_sim(SMOKE, task=task)
+    answer = bench_sim(SMOKE, robot="solo12", task=task)
     assert {"steps_per_second", "engine_steps_per_second", "ratio_to_engine"} <= set(answer)
     assert 0.0 < answer["ratio_to_engine"] < 1.0
     assert sum(answer["shares"].values()) == pytest.approx(1.0)
@@ -27,7 +27,7 @@ def test_every_task_can_be_measured(task):
 
 @pytest.mark.parametrize(("disc", "cat"), [("drail", True), ("gan", False)])
 def test_the_whole_training_is_measured_part_by_part(disc, cat):
-    answer = bench_train(SMOKE, disc=disc, cat=cat)
+    answer = bench_train(SMOKE, robot="solo12", disc=disc, cat=cat)
     assert answer["method"] == ("drail-cat" if cat else "gan")
     assert answer["steps_per_second"] > 0.0
     assert 0.0 < answer["ratio_to_engine"] < 1.0

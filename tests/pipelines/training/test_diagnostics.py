@@ -51,7 +51,7 @@ def test_each_fault_is_named(changes, name):
 
 def test_a_healthy_training_is_not_warned_about():
     assert low_level_warnings(training()) == []
-    assert high_level_warnings([STEERED] * WARM_UP) == []
+    assert high_level_warnings([STEERED] * WARM_UP, 0.15) == []
 
 
 def test_clips_that_walk_only_do_not_collapse_and_clips_that_stand_may_be_stood():
@@ -67,7 +67,15 @@ def test_clips_that_walk_only_do_not_collapse_and_clips_that_stand_may_be_stood(
     [({"latent_resultant": 0.98}, "mode collapse"), ({"speed": 0.01}, "policy just stands")],
 )
 def test_faults_of_a_high_level(changes, name):
-    assert names(high_level_warnings([STEERED | changes] * WARM_UP)) == [name]
+    assert names(high_level_warnings([STEERED | changes] * WARM_UP, 0.15)) == [name]
+
+
+def test_standing_is_no_fault_where_the_task_can_be_done_standing():
+    still = [STEERED | {"speed": 0.0}] * WARM_UP
+    assert high_level_warnings(still, 0.0) == []
+    assert names(high_level_warnings([STEERED | {"speed": 0.05}] * WARM_UP, 0.5)) == [
+        "policy just stands"
+    ], "a larger robot walks faster"
 
 
 def test_nothing_is_said_of_a_training_that_has_just_begun():

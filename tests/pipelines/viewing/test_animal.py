@@ -25,7 +25,7 @@ def retargeted(tmp_path_factory):
     copy = folder / "dog.bvh"
     shutil.copy(DOG_BVH, copy)
     context = StageContext(RunStore(folder / "runs"), "dog")
-    result = retarget.run(retarget.RetargetConfig(), context, sources=[copy])
+    result = retarget.run(retarget.RetargetConfig(), context, robot="solo12", sources=[copy])
     return read_artifact(result.artifact), copy
 
 
