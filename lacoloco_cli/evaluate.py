@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -26,6 +26,7 @@ COLUMNS = {
     "ee_error_std_m": "std m",
     "ee_error_median_m": "median m",
     "contact_violation_pct": "violation %",
+    "contact_violation_original_pct": "as the original %",
     "falls_pct": "falls %",
     "not_reached_pct": "not reached %",
     "success_5cm_pct": "within 5 cm %",
@@ -39,6 +40,7 @@ REWARD_COLUMNS = {
     "task": "task",
     "task_reward": "reward 1/s",
     "contact_violation_pct": "violation %",
+    "contact_violation_original_pct": "as the original %",
     "falls_pct": "falls %",
 }
 """The same for policies of a task without a target."""
@@ -57,6 +59,13 @@ def evaluate(
     episodes: Annotated[
         int | None, typer.Option("--episodes", min=1, help="Reported episodes per policy.")
     ] = None,
+    protocol: Annotated[
+        Literal["development", "fresh"] | None,
+        typer.Option(
+            "--protocol",
+            help="Which episodes: those of development, or fresh ones that nothing was tuned on.",
+        ),
+    ] = None,
     seeds: Seeds = 1,
     fill: Annotated[
         bool, typer.Option("--train-missing", help="Train the seeds that are not there yet.")
@@ -69,6 +78,8 @@ def evaluate(
     config = session.config(stage.PRESETS)
     if episodes is not None:
         config = replace(config, episodes=episodes)
+    if protocol is not None:
+        config = replace(config, protocol=protocol)
     coverage: dict[str, Any] = {}
     if policy is None:
         policy, coverage = policies_of_run(session, seeds, fill)
@@ -122,6 +133,8 @@ def show(answer: Mapping[str, Any]) -> None:
     rows = answer["rows"]
     columns = REWARD_COLUMNS if "task_reward" in rows[0] else COLUMNS
     console.print_table(list(columns.values()), [[row[key] for key in columns] for row in rows])
+    if columns is COLUMNS:
+        show_intervals(rows)
     for row in rows if columns is COLUMNS else ():
         who = f"{row['method']} seed {row['seed']}"
         if row["not_reached"]:
@@ -148,5 +161,25 @@ def show(answer: Mapping[str, Any]) -> None:
     typer.echo(f"artifact: {answer['artifact']}")
 
 
-def _spread(figures: Mapping[str, float], name: str) -> str:
-    return f"{figures[f'{name}_mean']:.4g} +- {figures[f'{name}_spread']:.2g}"
+def show_intervals(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print the 95 % intervals over the episodes, one line per policy."""
+    shown = {key: heading for key, heading in COLUMNS.items() if key in rows[0]["intervals"]}
+    cells = [
+        [
+            row["method"],
+            row["seed"],
+            *(" to ".join(f"{edge:.4g}" for edge in row["intervals"][key]) for key in shown),
+        ]
+        for row in rows
+    ]
+    console.print_table(
+        ["method", "seed", *shown.values()], cells, title="95 % intervals over the episodes"
+    )
+
+
+def _spread(figures: Mapping[str, Any], name: str) -> str:
+    low, high = figures[f"{name}_interval"]
+    return (
+        f"{figures[f'{name}_mean']:.4g} +- {figures[f'{name}_spread']:.2g}"
+        f" (95 % of the mean: {low:.4g} to {high:.4g})"
+    )

@@ -21,6 +21,13 @@ SUCCESS_M = {"success_5cm_pct": 0.05, "success_30cm_pct": 0.30}
 """Key of a success rate -> distance from the target [m] that counts as success."""
 HASH_LETTERS = 16
 """As many letters of a hash as a reader can compare."""
+NOTE_OVER_SEEDS = (
+    "`+-` is the sample standard deviation over seeds, `[low, high]` behind it the 95 % interval"
+    " of the mean over seeds (Student's t)."
+)
+NOTE_OVER_EPISODES = (
+    "`[low, high]` in the row of a seed is the 95 % interval over its episodes (bootstrap)."
+)
 NAME = re.compile(r"[\w.+-]+")
 
 
@@ -46,6 +53,7 @@ COLUMNS = {
     "success_5cm_pct": Column("within 5 cm [%]", 1.0, 2),
     "success_30cm_pct": Column("within 30 cm [%]", 1.0, 2),
     "contact_violation_pct": Column("contact violation [%]", 1.0, 4),
+    "contact_violation_original_pct": Column("as the original counts it [%]", 1.0, 4),
     "falls_pct": Column("falls [%]", 1.0, 3),
 }
 """Key of an evaluation's row -> how it is shown."""
@@ -133,11 +141,13 @@ def table(rows: Sequence[Row]) -> list[str]:
     for seeds in by_method.values():
         for row in seeds:
             mark = ", best on other episodes" if row["best"] and len(rows) > 1 else ""
-            figures = [_text(row[key], COLUMNS[key]) for key in keys]
+            figures = [_with_interval(row, key) for key in keys]
             cells = [row["method"], f"{row['seed']}{mark}", str(row["episodes"]), *figures]
             lines.append(_line(cells))
     spread = any(len(seeds) > 1 for seeds in by_method.values())
-    note = "`+-` is the sample standard deviation over seeds." if spread else ""
+    note = NOTE_OVER_SEEDS if spread else ""
+    if any("intervals" in row for row in rows):
+        note += f"{' ' if note else ''}{NOTE_OVER_EPISODES}"
     single = [method for method, seeds in by_method.items() if len(seeds) == 1]
     if single:
         note += f"{' ' if note else ''}One seed, so no spread: {', '.join(single)}."
@@ -173,7 +183,27 @@ def hardware(machine: Mapping[str, Any] | None) -> str:
 def _spread(rows: Sequence[Row], key: str) -> str:
     values, column = [row[key] for row in rows], COLUMNS[key]
     mean, deviation = statistics.fmean(values), statistics.stdev(values)
-    return f"{_text(mean, column)} +- {_text(deviation, column)}"
+    return f"{_text(mean, column)} +- {_text(deviation, column)} {_bounds(values, column)}"
+
+
+def _with_interval(row: Row, key: str) -> str:
+    """A figure, and its interval where the evaluation has one."""
+    found = row.get("intervals", {}).get(key)
+    text = _text(row[key], COLUMNS[key])
+    return text if found is None else f"{text} {_edges(found, COLUMNS[key])}"
+
+
+def _bounds(values: Sequence[float], column: Column) -> str:
+    from lacoloco.pipelines.evaluation.intervals import over_seeds
+
+    found = over_seeds(values)
+    assert found is not None, "a spread has at least two seeds"
+    return _edges(found, column)
+
+
+def _edges(interval: Sequence[float], column: Column) -> str:
+    low, high = (_text(edge, column) for edge in interval)
+    return f"[{low}, {high}]"
 
 
 def _text(value: float, column: Column) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from lacoloco.datasets.config_values import Rising, Within, Worlds, check_config
 from lacoloco.datasets.hardware import describe_machine
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import METRICS, Episodes, play_episodes
+from lacoloco.pipelines.evaluation.intervals import over_seeds
 from lacoloco.pipelines.evaluation.task_reward import task_reward
 from lacoloco.pipelines.policies import Policy, load_policies, task_of
 from lacoloco.pipelines.robot import record_of, robot_of
@@ -24,7 +25,19 @@ from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.spec import RobotSpec
 
 TEST_SEED, SELECTION_SEED = 1_000_003, 2_000_003
-"""Episodes that are reported, and other episodes on which the best seed is chosen."""
+"""Of development: episodes that are reported, and others on which the best seed is chosen. The
+recipe was chosen by them.
+"""
+FRESH_TEST_SEED, FRESH_SELECTION_SEED = 5_000_011, 6_000_011
+"""The same of the fresh protocol. Nothing may be chosen by what the first of them gives."""
+PROTOCOLS = {
+    "development": (TEST_SEED, SELECTION_SEED),
+    "fresh": (FRESH_TEST_SEED, FRESH_SELECTION_SEED),
+}
+FALL_COST_M = 1.0
+"""What a share of falls of one costs in the choice of the best seed: as much as a mean error of
+one metre.
+"""
 
 
 @dataclass(frozen=True)
@@ -37,6 +50,7 @@ class EvalConfig:
         worlds: how many run at once.
         friction: range of the friction instead of the task's; both ends equal for one value.
         mass_scale: the same of the factor on all masses.
+        protocol: which episodes: those of development, or fresh ones that nothing was tuned on.
     """
 
     episodes: Annotated[int, Within(1, 10**7)] = 4096
@@ -44,6 +58,7 @@ class EvalConfig:
     worlds: Worlds = 1024
     friction: Annotated[tuple[float, float], Within(0, 1000, above=True), Rising()] | None = None
     mass_scale: Annotated[tuple[float, float], Within(0, 1000, above=True), Rising()] | None = None
+    protocol: Literal["development", "fresh"] = "development"
 
     def randomisation(self, usual: Randomisation) -> Randomisation:
         """The task's, with the ranges given here."""
@@ -87,15 +102,17 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
         play = partial(
             play_episodes, spec, loaded, worlds=config.worlds, device=context.device, task=task
         )
-        reported = play(config.episodes, seed=TEST_SEED, progress=context.progress)
-        chosen = play(config.selection_episodes, seed=SELECTION_SEED)
+        test_seed, selection_seed = PROTOCOLS[config.protocol]
+        reported = play(config.episodes, seed=test_seed, progress=context.progress)
+        chosen = play(config.selection_episodes, seed=selection_seed)
         rows.append(_row(artifact, path, config, reported, chosen))
         arrays |= {f"{index}/{name}": value for name, value in reported.arrays().items()}
         context.progress.stop()
     if len({"task_reward" in row for row in rows}) > 1:
         raise StageError("policies with a target and without one: evaluate them one kind at a time")
     best = min(rows, key=_selection)
-    metadata = {"rows": rows, "best": best, "summary": summary(rows)}
+    metadata: dict[str, Any] = {"rows": rows, "best": best, "summary": summary(rows)}
+    metadata["protocol"] = config.protocol
     robot = record_of(spec)
     write_artifact(
         directory.file("artifact.h5"),
@@ -111,9 +128,11 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
     return StageResult(directory.complete(), metadata)
 
 
-def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
-    """Mean and sample standard deviation over seeds of every metric, by method."""
-    result: dict[str, dict[str, float]] = {}
+def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Mean, sample standard deviation and 95 % interval of the mean over seeds of every metric, by
+    method; one seed has no interval.
+    """
+    result: dict[str, dict[str, Any]] = {}
     for method in dict.fromkeys(row["method"] for row in rows):
         for metric in (*METRICS, "task_reward"):
             if metric not in rows[0]:
@@ -122,12 +141,13 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
             entry = result.setdefault(method, {"seeds": len(values)})
             entry[f"{metric}_mean"] = float(values.mean())
             entry[f"{metric}_spread"] = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+            entry[f"{metric}_interval"] = over_seeds(values.tolist())
     return result
 
 
 def _selection(row: dict[str, Any]) -> float:
     """What the best policy has least of, on episodes that are not reported."""
-    return -row["selection_reward"] if "task_reward" in row else row["selection_error_m"]
+    return -row["selection_reward"] if "task_reward" in row else row["selection_score_m"]
 
 
 def _reward_row(
@@ -140,15 +160,16 @@ def _reward_row(
     context: StageContext,
 ) -> dict[str, Any]:
     """The row of a policy whose task has no target: what the task pays it per second."""
+    test_seed, selection_seed = PROTOCOLS[config.protocol]
     reported = task_reward(
-        spec, task, policies, episodes=config.episodes, seed=TEST_SEED, device=context.device
+        spec, task, policies, episodes=config.episodes, seed=test_seed, device=context.device
     )
     chosen = task_reward(
         spec,
         task,
         policies,
         episodes=config.selection_episodes,
-        seed=SELECTION_SEED,
+        seed=selection_seed,
         device=context.device,
     )
     return {
@@ -165,14 +186,19 @@ def _reward_row(
 def _row(
     artifact: Artifact, path: Path, config: EvalConfig, reported: Episodes, chosen: Episodes
 ) -> dict[str, Any]:
+    selection = chosen.metrics()
+    error, falls = selection["ee_error_mean_m"], selection["falls_pct"]
     return {
         "method": artifact.metadata["method"],
         "seed": artifact.seed,
         "episodes": config.episodes,
         **reported.metrics(),
+        "intervals": reported.intervals(),
         "not_reached": int(reported.not_reached.sum()),
         "no_progress": int(reported.no_progress.sum()),
         "failure_clusters": reported.failure_clusters(),
-        "selection_error_m": chosen.metrics()["ee_error_mean_m"],
+        "selection_error_m": error,
+        "selection_falls_pct": falls,
+        "selection_score_m": error + FALL_COST_M * falls / 100.0,
         "policy": str(path),
     }

@@ -13,6 +13,7 @@ from lacoloco.pipelines.evaluation.failure_analysis import (
     episode_parameters,
     failure_clusters,
 )
+from lacoloco.pipelines.evaluation.intervals import Estimator, bootstrap, unanimous
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -28,12 +29,16 @@ METRICS = (
     "ee_error_std_m",
     "ee_error_median_m",
     "contact_violation_pct",
+    "contact_violation_original_pct",
+    "contact_violation_original_any_foot_pct",
     "falls_pct",
     "not_reached_pct",
     "success_5cm_pct",
     "success_30cm_pct",
 )
-OUTCOMES = ("error", "fell", "above_limit", "substeps")
+SHARES = ("falls_pct", "not_reached_pct", "success_5cm_pct", "success_30cm_pct")
+"""Metrics that are a share of the episodes."""
+OUTCOMES = ("error", "fell", "above_limit", "substeps", "samples", "samples_above", "samples_any")
 """Fields of :class:`Episodes` that are counted while they are played."""
 
 
@@ -47,6 +52,10 @@ class Episodes:
         fell: (E,) bool.
         above_limit: (E, F) substeps in which a foot's contact force exceeded the limit.
         substeps: (E,) substeps lived through.
+        samples: (E,) looks of the original's estimator, ten a second.
+        samples_above: (E, F) of these, looks at a foot that found its largest force of the last
+            15 ms above the limit.
+        samples_any: (E,) looks that found any foot so.
         thresholds: of the robot: how near to a target is there.
         parameters: What differed between them, (E,) each; see
             :func:`lacoloco.pipelines.evaluation.failure_analysis.episode_parameters`.
@@ -56,6 +65,9 @@ class Episodes:
     fell: np.ndarray
     above_limit: np.ndarray
     substeps: np.ndarray
+    samples: np.ndarray
+    samples_above: np.ndarray
+    samples_any: np.ndarray
     thresholds: SkillThresholds
     parameters: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -92,21 +104,53 @@ class Episodes:
         """Table I's columns, and the outcomes that its mean hides.
 
         Mean, std and median of the error [m]; share of foot-substeps with a force above the limit
-        [%]; shares of the episodes [%] that end in a fall, that end without one beyond the robot's
-        ``not_reached`` distance, and that end without one within 5 cm and within 30 cm.
+        [%]; the same by the original's estimator [%], per foot and of any foot (see
+        :class:`lacoloco.pipelines.sim.hierarchical_env.Decision`); shares of the episodes [%] that
+        end in a fall, that end without one beyond the robot's ``not_reached`` distance, and that
+        end without one within 5 cm and within 30 cm.
         """
-        feet = self.above_limit.shape[1]
-        values = (
-            self.error.mean(),
-            self.error.std(),
-            np.median(self.error),
-            100.0 * self.above_limit.sum() / max(self.substeps.sum() * feet, 1.0),
-            100.0 * self.fell.mean(),
-            100.0 * self.not_reached.mean(),
-            100.0 * self.success(0.05).mean(),
-            100.0 * self.success(0.30).mean(),
+        everyone = np.arange(len(self.error))[None]
+        return {name: float(estimate(everyone)[0]) for name, estimate in self._estimators().items()}
+
+    def intervals(self) -> dict[str, list[float]]:
+        """95 % interval [low, high] of every metric: episodes resampled with a fixed seed.
+
+        A share of no or of all episodes has its exact binomial bound instead.
+        """
+        found = bootstrap(self._estimators(), len(self.error))
+        for name, value in self.metrics().items():
+            if name in SHARES and value in (0.0, 100.0):
+                found[name] = unanimous(value == 100.0, len(self.error))
+        return found
+
+    def _estimators(self) -> dict[str, Estimator]:
+        """Every metric as a function of the numbers (R, E) of episodes."""
+        above, feet = self.above_limit.sum(axis=1), self.above_limit.shape[1]
+
+        def mean(values: np.ndarray) -> Estimator:
+            return lambda rows: values[rows].mean(axis=1)
+
+        def ratio(part: np.ndarray, whole: np.ndarray, each: int) -> Estimator:
+            return lambda rows: (
+                100.0 * part[rows].sum(axis=1) / np.maximum(whole[rows].sum(axis=1) * each, 1.0)
+            )
+
+        def share(hit: np.ndarray) -> Estimator:
+            return lambda rows: 100.0 * hit[rows].mean(axis=1)
+
+        estimators = (
+            mean(self.error),
+            lambda rows: self.error[rows].std(axis=1),
+            lambda rows: np.median(self.error[rows], axis=1),
+            ratio(above, self.substeps, feet),
+            ratio(self.samples_above.sum(axis=1), self.samples, feet),
+            ratio(self.samples_any, self.samples, 1),
+            share(self.fell),
+            share(self.not_reached),
+            share(self.success(0.05)),
+            share(self.success(0.30)),
         )
-        return dict(zip(METRICS, map(float, values), strict=True))
+        return dict(zip(METRICS, estimators, strict=True))
 
 
 def play_episodes(
@@ -160,6 +204,8 @@ def _play(
     fell, error = torch.zeros_like(alive), torch.zeros(worlds, device=env.device)
     above = torch.zeros(worlds, len(spec.feet), device=env.device)
     lived = torch.zeros(worlds, device=env.device)
+    samples, samples_any = torch.zeros_like(lived), torch.zeros_like(lived)
+    samples_above = torch.zeros_like(above)
     for _ in range(task.episode_steps // HOLD_STEPS):
         if "high" in policies:
             raw = policies["high"](env.observe())
@@ -169,6 +215,9 @@ def _play(
         error = torch.where(alive, decision.error, error)
         above += decision.above_limit * alive[:, None]
         lived += decision.substeps * alive
+        samples += decision.sampled & alive
+        samples_above += decision.sampled_above & alive[:, None]
+        samples_any += decision.sampled_above.any(dim=1) & alive
         fell |= decision.fell & alive
         alive &= ~decision.done
     return Episodes(
@@ -176,6 +225,9 @@ def _play(
         fell=fell.cpu().numpy(),
         above_limit=above.cpu().numpy(),
         substeps=lived.cpu().numpy(),
+        samples=samples.cpu().numpy(),
+        samples_above=samples_above.cpu().numpy(),
+        samples_any=samples_any.cpu().numpy(),
         thresholds=spec.skills,
         parameters=given,
     )

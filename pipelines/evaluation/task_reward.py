@@ -32,7 +32,8 @@ def task_reward(
     Returns:
         ``task_reward``, the mean reward per second of an episode's full length, where a fall ends
         the earning; ``falls_pct``, the share of episodes that end in a fall [%];
-        ``contact_violation_pct``, the share of foot-substeps above the limit on the force [%].
+        ``contact_violation_pct``, the share of foot-substeps above the limit on the force [%];
+        ``contact_violation_original_pct``, the same by the original's estimator, per foot [%].
     """
     task = replace(task, noise=0.0, training_limits=False)
     low = policies["low"]
@@ -42,6 +43,7 @@ def task_reward(
     alive = torch.ones(episodes, dtype=torch.bool, device=env.device)
     fell, earned = torch.zeros_like(alive), torch.zeros(episodes, device=env.device)
     above, lived = torch.zeros_like(earned), torch.zeros_like(earned)
+    sampled_above, sampled = torch.zeros_like(earned), torch.zeros_like(earned)
     decisions = task.episode_steps // HOLD_STEPS
     for _ in range(decisions):
         if "high" in policies:
@@ -52,6 +54,8 @@ def task_reward(
         earned += decision.reward * alive
         above += decision.above_limit.mean(dim=1) * alive
         lived += decision.substeps * alive
+        sampled_above += decision.sampled_above.float().mean(dim=1) * alive
+        sampled += decision.sampled & alive
         fell |= decision.fell & alive
         alive &= ~decision.done
     # A decision's reward is the mean over its control steps of what each was paid for its 0.02 s.
@@ -59,4 +63,6 @@ def task_reward(
         "task_reward": float(earned.mean()) / decisions / CONTROL_DT,
         "falls_pct": 100.0 * float(fell.float().mean()),
         "contact_violation_pct": 100.0 * float(above.sum() / lived.sum().clamp_min(1.0)),
+        "contact_violation_original_pct": 100.0
+        * float(sampled_above.sum() / sampled.sum().clamp_min(1.0)),
     }

@@ -23,9 +23,9 @@ Shared = TypeVar("Shared")
 
 BUCKET_MB = 25.0
 """Most that is sent in one message; rsl_rl's default."""
-SEED_STEP = 1_000_003
+SEED_STEP = 15_485_863
 """Between the seeds of two processes: far more than the few consecutive seeds that one of them
-uses.
+uses, and more than any seed of an evaluation's episodes, so that no process trains on those.
 """
 
 

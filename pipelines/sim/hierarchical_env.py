@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,6 +16,10 @@ from lacoloco.pipelines.sim.state import Term
 
 HOLD_STEPS = 5
 """Control steps for which one latent is held (paper: 10 Hz over 50 Hz)."""
+SAMPLED_SHARE = 0.75
+"""Part of a control step over which the original's force sensor reports the maximum: the last 15
+of 20 ms.
+"""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,10 @@ class Decision:
         error: (N,) distance of the end effector from the target at the last step lived through [m].
         above_limit: (N, F) foot-substeps with a contact force above the limit.
         substeps: (N,) foot-substeps counted per foot.
+        sampled: (N,) bool, worlds that lived to the decision's last control step. The original
+            looks at the forces there only, at 10 Hz.
+        sampled_above: (N, F) bool, of these, feet whose largest force in the last 15 ms of that
+            step was above the limit. Six substeps of 3.3 ms: the last five.
     """
 
     reward: torch.Tensor
@@ -37,6 +46,8 @@ class Decision:
     error: torch.Tensor
     above_limit: torch.Tensor
     substeps: torch.Tensor
+    sampled: torch.Tensor
+    sampled_above: torch.Tensor
 
     @property
     def done(self) -> torch.Tensor:
@@ -89,7 +100,9 @@ class LatentSteeredEnv:
         above = torch.zeros(n, len(env.spec.feet), device=self.device)
         lived = torch.zeros(n, device=self.device)
         self.latent = z
+        sampled = alive
         for _ in range(HOLD_STEPS):
+            sampled = alive
             step = env.step(self.low(env.observe()[:, : self._low_width], z))
             reward += step.reward * alive / HOLD_STEPS
             if env.task.has_target:
@@ -101,7 +114,10 @@ class LatentSteeredEnv:
             fell |= step.fell & alive
             timed_out |= step.timed_out & alive
             alive &= ~step.done
-        return Decision(reward, fell, timed_out, error, above, lived)
+        forces = env.physics.foot_force
+        window = math.ceil(SAMPLED_SHARE * forces.shape[1])
+        sampled_above = (forces[:, -window:] > self.limit).any(dim=1) & sampled[:, None]
+        return Decision(reward, fell, timed_out, error, above, lived, sampled, sampled_above)
 
     def reset(self, mask: torch.Tensor) -> torch.Tensor:
         """Start new episodes in the worlds of ``mask``; their last latent becomes zero.

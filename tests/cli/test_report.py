@@ -64,9 +64,10 @@ def test_means_come_first_and_the_best_seed_is_called_so(store):
     table = [line for line in lines if line.startswith("|")]
     assert "| method | seed | episodes | error mean [cm] | within 5 cm [%] |" in table[0]
     assert table[2].startswith(
-        "| **drail** | mean of 2 |  | **52.00 +- 70.71** | **50.00 +- 0.00**"
+        "| **drail** | mean of 2 |  | **52.00 +- 70.71 [-583.30, 687.30]** "
+        "| **50.00 +- 0.00 [50.00, 50.00]**"
     )
-    assert table[2].endswith("| **0.300 +- 0.141** |")
+    assert table[2].endswith("| **0.300 +- 0.141 [-0.971, 1.571]** |")
     assert table[3].startswith("| drail | 0, best on other episodes | 2 | 2.00 |")
     assert [line.split("|")[1].strip() for line in table[4:]] == ["drail", "gan"]
     assert sum("best" in line for line in table) == 1
@@ -118,6 +119,16 @@ def test_a_single_seed_has_no_spread_and_is_not_called_best(store):
     text = invoke("one").stdout
     assert "best" not in text and "+-" not in text
     assert "One seed, so no spread: gan." in text
+
+
+def test_a_seed_s_own_interval_is_that_over_its_episodes(store):
+    evaluated(store, "one", {"gan": (7.0,)})
+    assert "bootstrap" not in invoke("one").stdout, "an evaluation of before has none"
+    row = {"method": "gan", "seed": 0, "best": True, "episodes": 2, "falls_pct": 7.0}
+    row["intervals"] = {"falls_pct": [5.5, 9.25]}
+    lines = report_table.table([row])
+    assert lines[2] == "| gan | 0 | 2 | 7.000 [5.500, 9.250] |"
+    assert "bootstrap" in lines[-1]
 
 
 def test_json_has_the_tables(store, tmp_path):

@@ -12,6 +12,7 @@ from lacoloco.datasets.robot_record import RobotRecord
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import evaluate
 from lacoloco.pipelines.evaluation.episodes import Episodes
+from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.registry import load_robot
@@ -21,7 +22,13 @@ ERRORS = {  # (seed of the policy, seed of the episodes) -> error
     (1, evaluate.TEST_SEED): 0.30,
     (0, evaluate.SELECTION_SEED): 0.25,
     (1, evaluate.SELECTION_SEED): 0.15,
+    (0, evaluate.FRESH_TEST_SEED): 0.50,
+    (1, evaluate.FRESH_TEST_SEED): 0.60,
+    (0, evaluate.FRESH_SELECTION_SEED): 0.25,
+    (1, evaluate.FRESH_SELECTION_SEED): 0.15,
 }
+FALLS = {(1, evaluate.FRESH_SELECTION_SEED): 1}
+"""Episodes that end in a fall."""
 
 
 @pytest.fixture
@@ -49,9 +56,12 @@ def two_seeds(monkeypatch, tmp_path):
         error = ERRORS[policies["seed"], seed]
         return Episodes(
             np.full(episodes, error),
-            np.zeros(episodes, dtype=bool),
+            np.arange(episodes) < FALLS.get((policies["seed"], seed), 0),
             np.zeros((episodes, 4)),
             np.full(episodes, 2000.0),
+            np.full(episodes, 100.0),
+            np.zeros((episodes, 4)),
+            np.zeros(episodes),
             load_robot("solo12").skills,
             {
                 "friction": np.linspace(0.4, 1.5, episodes),
@@ -78,12 +88,34 @@ def test_the_best_seed_is_chosen_on_other_episodes_than_are_reported(context, tw
     assert (0, evaluate.SELECTION_SEED, 6) in played
 
 
+def test_falls_count_in_the_choice_and_the_fresh_protocol_has_other_episodes(context, two_seeds):
+    """Seed 1 errs less on the episodes of the choice, and falls in one of six: 15 + 17 cm."""
+    config = evaluate.EvalConfig(12, 6, 4, protocol="fresh")
+    result = evaluate.run(config, context, policies=two_seeds[0])
+    assert {seed for _, seed, _ in two_seeds[1]} == set(evaluate.PROTOCOLS["fresh"])
+    assert result.metrics["best"]["seed"] == 0
+    assert result.metrics["best"]["ee_error_mean_m"] == pytest.approx(0.5)
+    assert result.metrics["rows"][1]["selection_falls_pct"] == pytest.approx(100 / 6)
+    assert result.metrics["rows"][1]["selection_score_m"] == pytest.approx(0.15 + 1 / 6)
+
+
+def test_no_process_of_a_training_has_the_seed_of_an_evaluation(monkeypatch):
+    """Batches of episodes count up from a seed, by far less than a thousand."""
+    used = [seed for pair in evaluate.PROTOCOLS.values() for seed in pair]
+    assert len(set(used)) == len(used)
+    assert min(abs(a - b) for a in used for b in used if a != b) > 10_000
+    for rank in range(4096):
+        monkeypatch.setattr(parallel, "rank", lambda rank=rank: rank)
+        assert all(abs(parallel.own_seed(0) - seed) > 1000 for seed in used)
+
+
 def test_mean_and_spread_stand_beside_the_best(context, two_seeds):
     result = evaluate.run(evaluate.EvalConfig(4, 2, 4), context, policies=two_seeds[0])
     summary = result.metrics["summary"]["drail-cat"]
     assert summary["seeds"] == 2
     assert summary["ee_error_mean_m_mean"] == pytest.approx(0.2)
     assert summary["ee_error_mean_m_spread"] == pytest.approx(0.1 * 2**0.5)
+    assert summary["ee_error_mean_m_interval"] == pytest.approx([0.2 - 1.2706, 0.2 + 1.2706])
 
 
 def test_the_artifact_holds_every_episode_and_its_policies(context, two_seeds):

@@ -44,6 +44,9 @@ def test_metrics_by_hand():
         fell=np.array([True, True, False, False]),
         above_limit=np.array([[3.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]),
         substeps=np.array([20.0, 80.0, 50.0, 50.0]),
+        samples=np.array([1.0, 4.0, 2.0, 3.0]),
+        samples_above=np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]),
+        samples_any=np.array([1.0, 1.0, 0.0, 0.0]),
         thresholds=THRESHOLDS,
     )
     metrics = played.metrics()
@@ -53,6 +56,8 @@ def test_metrics_by_hand():
             "ee_error_std_m": 0.0329**0.5,
             "ee_error_median_m": 0.19,
             "contact_violation_pct": 1.0,  # 4 of 200 substeps x 2 feet
+            "contact_violation_original_pct": 15.0,  # 3 of 10 looks x 2 feet
+            "contact_violation_original_any_foot_pct": 20.0,  # 2 of 10 looks
             "falls_pct": 50.0,
             "not_reached_pct": 25.0,  # a fall far away is a fall
             "success_5cm_pct": 25.0,  # nor is a fall near the target a success
@@ -70,6 +75,9 @@ def test_who_missed_and_never_came_nearer():
         fell=np.array([False, True, False, False]),
         above_limit=np.zeros((4, 2)),
         substeps=np.ones(4),
+        samples=np.ones(4),
+        samples_above=np.zeros((4, 2)),
+        samples_any=np.zeros(4),
         thresholds=THRESHOLDS,
         parameters={"target_distance_m": np.array([0.3, 1.5, 1.6, 1.5])},
     )
@@ -96,7 +104,9 @@ def test_an_episode_counts_until_it_ends_and_never_after(solo12, policies, short
             fell = torch.tensor([decision == 2, False])
             timed_out = torch.tensor([False, decision == 4])
             error, each = torch.tensor([1.0, 2.0]) / decision, torch.full((2,), 20.0)
-            return Decision(each, fell, timed_out, error, torch.ones(2, 4), each)
+            sampled = torch.tensor([decision < 2, True])
+            above = torch.tensor([[True, False, False, True]]) & sampled[:, None]
+            return Decision(each, fell, timed_out, error, torch.ones(2, 4), each, sampled, above)
 
     monkeypatch.setattr(episodes, "LatentSteeredEnv", Scripted)
     played = play_episodes(solo12, policies, 2, worlds=2, seed=0)
@@ -104,6 +114,9 @@ def test_an_episode_counts_until_it_ends_and_never_after(solo12, policies, short
     assert played.fell.tolist() == [True, False]
     assert played.substeps.tolist() == [40.0, 80.0]
     assert played.above_limit.tolist() == [[2.0] * 4, [4.0] * 4]
+    assert played.samples.tolist() == [1.0, 4.0]
+    assert played.samples_above.tolist() == [[1.0, 0.0, 0.0, 1.0], [4.0, 0.0, 0.0, 4.0]]
+    assert played.samples_any.tolist() == [1.0, 4.0]
 
 
 def test_episodes_are_those_of_their_seed_however_many_worlds(solo12, policies, short):
@@ -157,3 +170,24 @@ def test_without_a_high_level_latents_are_random(solo12, policies, short):
     steered = play_episodes(solo12, policies, 3, worlds=3, seed=0)
     assert not np.array_equal(played.error, steered.error)
     assert np.array_equal(played.error, play_episodes(solo12, alone, 3, worlds=3, seed=0).error)
+
+
+def test_intervals_are_those_of_the_episodes():
+    """The interval of a mean is about +-1.96 standard errors; that of no falls in 400 episodes is
+    the exact one, below 0.92 %.
+    """
+    error = np.random.default_rng(0).exponential(0.02, 400)
+    none = np.zeros(400)
+    played = Episodes(
+        error, none.astype(bool), none[:, None], none + 9, none + 1, none[:, None], none, THRESHOLDS
+    )
+    found = played.intervals()
+    assert set(found) == set(episodes.METRICS)
+    assert found == played.intervals(), "a fixed seed"
+    half = 1.96 * error.std() / 20
+    assert found["ee_error_mean_m"] == pytest.approx(
+        [error.mean() - half, error.mean() + half], abs=2e-4
+    )
+    assert found["falls_pct"] == pytest.approx([0.0, 0.918], abs=1e-3)
+    low, high = found["success_5cm_pct"]
+    assert low < played.metrics()["success_5cm_pct"] < high

@@ -101,6 +101,29 @@ def test_forces_are_counted_in_every_substep_lived_through():
     assert decision.substeps.tolist() == [12.0, 20.0]
 
 
+def test_the_original_looks_at_the_end_of_a_decision_only():
+    """The largest force of the last 15 ms of its last step, of worlds that lived to it; here three
+    of four substeps.
+    """
+    decision = steered(ScriptedEnv(falls=(3,))).step(torch.zeros(2, 7))
+    assert decision.sampled.tolist() == [False, True]
+    assert decision.sampled_above.tolist() == [[False, False], [True, False]]
+    env = ScriptedEnv()
+    early = steered(env)
+    early.limit = LIMIT + 2.0
+    step = env.step
+
+    def first_substep_only(action):
+        result = step(action)
+        env.physics.foot_force[:, 0] = LIMIT + 3.0
+        return result
+
+    env.step = first_substep_only
+    decision = early.step(torch.zeros(2, 7))
+    assert decision.sampled.all() and decision.above_limit.sum() == 20.0
+    assert not decision.sampled_above.any()
+
+
 def test_the_last_latent_is_observed_and_forgotten_at_a_reset():
     """Bug B8: the original shows the last latent of the previous rollout."""
     env = steered(ScriptedEnv())
