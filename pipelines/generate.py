@@ -13,6 +13,7 @@ from lacoloco.datasets.artifact import read_header
 from lacoloco.datasets.clip import Clip, save_clips
 from lacoloco.datasets.work import Work
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.generation.assessment import assess, assessed
 from lacoloco.pipelines.generation.config import (
     ExpertConfig,
     GenerateConfig,
@@ -41,7 +42,13 @@ def laptop() -> GenerateConfig:
 def smoke() -> GenerateConfig:
     """Seconds; the experts have learned nothing, so only that everything runs is shown."""
     return GenerateConfig(
-        smoke_expert(), smoke_expert(), walk_clips=3, reach_clips=2, seconds=0.2, transient_s=0.02
+        smoke_expert(),
+        smoke_expert(),
+        walk_clips=3,
+        reach_clips=2,
+        seconds=0.2,
+        episodes=4,
+        transient_s=0.02,
     )
 
 
@@ -78,9 +85,9 @@ def run(
     spec = load_robot(robot)
     directory = context.begin("generate", work(config, context, robot=robot))
     experts = _experts(config, context, spec, retrain)
-    _, policies = load_policies(experts, *SKILLS, device=context.device)
+    trained, policies = load_policies(experts, *SKILLS, device=context.device)
     clips: list[Clip] = []
-    metrics: dict[str, float | None] = {}
+    metrics: dict[str, float | None] = assessed(trained.metadata["metrics"])
     for task, count in (("walk", config.walk_clips), ("reach_in_place", config.reach_clips)):
         recorded, measured = record(spec, task, policies[task], count, config, context)
         clips += recorded
@@ -150,7 +157,7 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
     mine = replace(context, version="", or_begin=True)
     directory = mine.begin("experts", mine.work(config, record_of(spec)))
     policies: list[Policy] = []
-    metrics: dict[str, float] = {}
+    metrics: dict[str, float | None] = {}
     trained: dict[str, ExpertTrainer] = {}
     for task, expert in (("walk", config.walk), ("reach_in_place", config.reach)):
         trainer = ExpertTrainer(spec, task, expert, seed=context.seed, device=context.device)
@@ -164,6 +171,16 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
         )
         policies.append(trainer.policy())
         metrics |= {f"{task}_seconds": figures["seconds"], f"{task}_samples": figures["samples"]}
+        metrics |= assess(
+            spec,
+            task,
+            policies[-1],
+            worlds=config.episodes,
+            seconds=config.seconds,
+            transient_s=config.transient_s,
+            seed=context.seed + 1,
+            device=context.device,
+        )
     save_policies(
         directory.file("artifact.h5"),
         policies,

@@ -78,6 +78,8 @@ class GenerateConfig:
             one sampled moment in seven shows reaching, at 4 two in five, at 9 three in five. A low
             level ends up showing it a third as often as its clips do.
         seconds: Length of a clip.
+        episodes: Episodes that a newly trained expert is assessed in, with its task's pushes and
+            motors as strong as they are.
         transient_s: Seconds from the start of a clip that do not count in the tracking errors.
     """
 
@@ -87,6 +89,7 @@ class GenerateConfig:
     reach_clips: Annotated[int, Within(0, 100_000)] = 20
     reach_weight: Factor = 9.0
     seconds: Annotated[float, Within(0.1, 600)] = 10.0
+    episodes: Annotated[int, Within(1, 100_000)] = 192
     transient_s: Annotated[float, Within(0, 600)] = 1.0
 
     def conflict(self) -> str:

@@ -16,7 +16,7 @@ from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState
-from lacoloco.pipelines.sim.tasks import load_task
+from lacoloco.pipelines.sim.tasks import ResetConfig, load_task
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.spec import RobotSpec
 
@@ -45,8 +45,7 @@ def record(
     """
     steps, transient = round(config.seconds / CONTROL_DT), round(config.transient_s / CONTROL_DT)
     base = without_disturbances(load_task(spec, task_name))
-    standing = replace(base.reset, joint_scale=(0.9, 1.1), lin_vel=0.0, ang_vel=0.0, gait_share=0.0)
-    task = replace(base, reset=standing, episode_s=2 * config.seconds)
+    task = replace(base, reset=standing_starts(base.reset), episode_s=2 * config.seconds)
     env = LeggedEnv(
         spec, task, count + max(8, count // 4), seed=context.seed, device=context.device
     )
@@ -86,6 +85,11 @@ def record(
         _clip(spec, skill, weight, index, rows, joint_target[world], commands[world], world)
         for index, world in chosen
     ], metrics
+
+
+def standing_starts(reset: ResetConfig) -> ResetConfig:
+    """Start still, near the default pose."""
+    return replace(reset, joint_scale=(0.9, 1.1), lin_vel=0.0, ang_vel=0.0, gait_share=0.0)
 
 
 def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
