@@ -24,6 +24,9 @@ app = typer.Typer(no_args_is_help=True, help="Measure speed next to the raw engi
 MEASURING = (*(p for p in STAGE if p.name in ("preset", "overrides", "device")), *READING)
 """Shared options of a measurement: it belongs to no run."""
 
+SEEDED = (*(p for p in STAGE if p.name in ("seed", "device")), *READING)
+"""Shared options of a measurement of something that is there already."""
+
 
 @verb(app, "sim", shared=MEASURING)
 def bench_sim(
@@ -78,6 +81,29 @@ def bench_contacts(session: Session, robot: Robot = DEFAULT_ROBOT) -> None:
             console.print_table(list(rows[0]), [list(row.values()) for row in rows])
 
     session.answer(figures, show)
+
+
+@verb(app, "experts", shared=SEEDED)
+def bench_experts(
+    session: Session,
+    experts: Annotated[
+        str | None,
+        typer.Argument(metavar="[ARTIFACT]", help="Default: the robot's published experts."),
+    ] = None,
+    robot: Robot = DEFAULT_ROBOT,
+    episodes: Annotated[int, typer.Option(min=1, max=131_072, help="Per expert.")] = 1024,
+    seconds: Annotated[float, typer.Option(min=0.1, max=600.0, help="Of an episode.")] = 10.0,
+) -> None:
+    """Experts: falls and errors with motors as strong as they are and the pushes of their tasks."""
+    from lacoloco.datasets import published
+    from lacoloco.pipelines.benchmarks import experts as bench
+
+    path = published.resolve(experts or f"{robot}-experts")
+    check_device(session.device)
+    figures = bench.bench_experts(
+        path, episodes=episodes, seconds=seconds, seed=session.seed, device=session.device
+    )
+    _show(session, {"experts": path_text(path), "episodes": episodes, **figures})
 
 
 @verb(app, "retarget", shared=READING)
