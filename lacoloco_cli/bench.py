@@ -73,14 +73,14 @@ def bench_contacts(session: Session, robot: Robot = DEFAULT_ROBOT) -> None:
     """How hard a fall hits the feet and how deep they sink, beside a rubber foot; what it costs."""
     from lacoloco.pipelines.sim import contact_bench as bench
 
-    figures = bench.bench_contacts(robot)
+    metrics = bench.bench_contacts(robot)
 
     def show() -> None:
         for name in ("reference", "rows"):
-            rows = figures[name]
+            rows = metrics[name]
             console.print_table(list(rows[0]), [list(row.values()) for row in rows])
 
-    session.answer(figures, show)
+    session.answer(metrics, show)
 
 
 @verb(app, "experts", shared=SEEDED)
@@ -100,10 +100,10 @@ def bench_experts(
 
     path = published.resolve(experts or f"{robot}-experts")
     check_device(session.device)
-    figures = bench.bench_experts(
+    metrics = bench.bench_experts(
         path, episodes=episodes, seconds=seconds, seed=session.seed, device=session.device
     )
-    _show(session, {"experts": path_text(path), "episodes": episodes, **figures})
+    _show(session, {"experts": path_text(path), "episodes": episodes, **metrics})
 
 
 @verb(app, "retarget", shared=READING)
@@ -129,14 +129,14 @@ def bench_retarget(
     rows = bench.compare_modes(robot, files)
     starts = bench.other_starts(robot, files)
     verdicts = bench.verdicts(rows, {**speed, **starts})
-    figures = {"robot": robot, **speed, **starts}
+    metrics = {"robot": robot, **speed, **starts}
 
     def show() -> None:
-        console.print_table(["figure", "value"], list(figures.items()))
+        console.print_table(["figure", "value"], list(metrics.items()))
         console.print_table(list(rows[0]), [list(row.values()) for row in rows])
         console.print_table(list(verdicts[0]), [list(row.values()) for row in verdicts])
 
-    session.answer({**figures, "skipped": skipped, "files": rows, "verdicts": verdicts}, show)
+    session.answer({**metrics, "skipped": skipped, "files": rows, "verdicts": verdicts}, show)
 
 
 @verb(app, "gpu", shared=IN_A_RUN)
@@ -156,10 +156,10 @@ def bench_gpu(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="A folder for copies of the figures and the policies."),
+        typer.Option("--out", help="A folder for copies of the metrics and the policies."),
     ] = None,
 ) -> None:
-    """Everything about a GPU in one go: parity, the table of figures, then trainings.
+    """Everything about a GPU in one go: parity, the table of metrics, then trainings.
 
     Figures are on disk after each row, trainings have checkpoints: it may be cut at any moment, and
     the same command goes on with the trainings.
@@ -175,8 +175,8 @@ def bench_gpu(
     if out is not None:
         check_folder("--out", out, session.store.root)
     answer = measure(GpuBenchConfig(worlds, seconds, minutes, preset), session.context(), out)
-    figures = session.store.directory(session.run_name) / "figures.json"
-    session.answer({"figures": path_text(figures), **answer}, lambda: _show_gpu(answer, figures))
+    report = session.store.directory(session.run_name) / "figures.json"
+    session.answer({"figures": path_text(report), **answer}, lambda: _show_gpu(answer, report))
 
 
 def check_folder(option: str, folder: Path, runs: Path) -> None:
@@ -204,7 +204,7 @@ def _best_device() -> str:
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
-def _show_gpu(answer: Mapping[str, Any], figures: Path) -> None:
+def _show_gpu(answer: Mapping[str, Any], report: Path) -> None:
     machine = answer["machine"]
     typer.echo(f"on {machine['gpu'] or 'the CPU'}, commit {answer['commit'] or 'unknown'}")
     columns = ("name", "engine", "worlds", "steps_per_second", "ratio_to_engine", "must", "aim")
@@ -215,7 +215,7 @@ def _show_gpu(answer: Mapping[str, Any], figures: Path) -> None:
         came = row["status"] if error is None else f"error {100 * error:.1f} cm"
         spent = console.duration_text(row["wall_seconds"])
         typer.echo(f"{row['experiment']} {row['method']}: {came} after {spent}; run {row['run']}")
-    typer.echo(f"figures: {path_text(figures)}")
+    typer.echo(f"figures: {path_text(report)}")
 
 
 def _config(session: Session) -> BenchConfig:
@@ -225,12 +225,12 @@ def _config(session: Session) -> BenchConfig:
     return session.config(PRESETS)
 
 
-def _show(session: Session, figures: Mapping[str, Any]) -> None:
+def _show(session: Session, metrics: Mapping[str, Any]) -> None:
     def show() -> None:
-        facts = [(name, value) for name, value in figures.items() if name != "shares"]
+        facts = [(name, value) for name, value in metrics.items() if name != "shares"]
         console.print_table(["figure", "value"], facts)
-        if "shares" in figures:
-            shares = [(name, 100.0 * share) for name, share in figures["shares"].items()]
+        if "shares" in metrics:
+            shares = [(name, 100.0 * share) for name, share in metrics["shares"].items()]
             console.print_table(["part", "% of the time"], shares)
 
-    session.answer(figures, show)
+    session.answer(metrics, show)

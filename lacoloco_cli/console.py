@@ -86,24 +86,24 @@ class Lines:
         """Print nothing yet."""
         self._clock = clock
         self._meter: Meter | None = None
-        self._figures: Mapping[str, float] = {}
+        self._metrics: Mapping[str, float] = {}
         self._description = ""
         self._printed_at = 0.0
         self._printed: int | None = None
 
     def start(self, description: str, total: int) -> None:
-        """Begin a part; the first line comes with the first figures."""
+        """Begin a part; the first line comes with the first metrics."""
         self._meter = Meter(total, self._clock)
         self._description = description
-        self._figures = {}
+        self._metrics = {}
         self._printed_at, self._printed = self._clock(), None
 
-    def advance(self, done: int, **figures: float) -> None:
+    def advance(self, done: int, **metrics: float) -> None:
         """Take note, and print when ten seconds have passed since the last line."""
         if self._meter is None:
             return
         self._meter.update(done)
-        self._figures = {**self._figures, **figures}
+        self._metrics = {**self._metrics, **metrics}
         if self._clock() - self._printed_at >= self.EVERY:
             self._print()
 
@@ -120,18 +120,18 @@ class Lines:
     def _print(self) -> None:
         assert self._meter is not None
         self._printed_at, self._printed = self._clock(), self._meter.done
-        figures = figures_text(self._figures)
-        note(f"{self._description}  {self._meter.summary()}  {figures}".rstrip())
+        metrics = metrics_text(self._metrics)
+        note(f"{self._description}  {self._meter.summary()}  {metrics}".rstrip())
 
 
 class Bar:
-    """Progress as one live bar per part, with rate and time left, and the figures below it."""
+    """Progress as one live bar per part, with rate and time left, and the metrics below it."""
 
     def __init__(self) -> None:
         """Draw nothing yet."""
         self._live: rich.live.Live | None = None
         self._meter: Meter | None = None
-        self._figures: Mapping[str, float] = {}
+        self._metrics: Mapping[str, float] = {}
 
     def start(self, description: str, total: int) -> None:
         """Begin a part with its own bar."""
@@ -141,10 +141,10 @@ class Bar:
         from rich.text import Text
 
         self.stop()
-        self._meter, self._figures = Meter(total), {}
+        self._meter, self._metrics = Meter(total), {}
         bar = BarColumn(bar_width=16)
         columns = ("{task.description}", bar, "{task.fields[summary]}", TimeElapsedColumn())
-        # the columns are drawn by the Live below, which knows where the figures go
+        # the columns are drawn by the Live below, which knows where the metrics go
         self._bar = Progress(*(TextColumn(c) if isinstance(c, str) else c for c in columns))
         self._bar.add_task(description, total=total or None, summary="")
         self._text = Text(style="dim", no_wrap=True, overflow="ellipsis")
@@ -152,15 +152,15 @@ class Bar:
         self._live = Live(Group(self._bar, self._text), console=console, refresh_per_second=4)
         self._live.start()
 
-    def advance(self, done: int, **figures: float) -> None:
+    def advance(self, done: int, **metrics: float) -> None:
         """Move the bar."""
         if self._live is None or self._meter is None:
             return
         self._meter.update(done)
-        self._figures = {**self._figures, **figures}
+        self._metrics = {**self._metrics, **metrics}
         summary = self._meter.summary()
         self._bar.update(self._bar.task_ids[0], completed=done, summary=summary)
-        self._text.plain = figures_text(self._figures)
+        self._text.plain = metrics_text(self._metrics)
 
     def say(self, line: str) -> None:
         """Print a line above the bar."""
@@ -228,9 +228,9 @@ def cell_text(value: Any) -> str:
     return str(value)
 
 
-def figures_text(figures: Mapping[str, float]) -> str:
-    """Write named figures one after another."""
-    return "  ".join(f"{name} {cell_text(value)}" for name, value in figures.items())
+def metrics_text(metrics: Mapping[str, float]) -> str:
+    """Write named metrics one after another."""
+    return "  ".join(f"{name} {cell_text(value)}" for name, value in metrics.items())
 
 
 def rate_text(rate: float) -> str:

@@ -146,10 +146,10 @@ def check_simulation() -> Check:
     try:
         from lacoloco.pipelines.benchmarks.throughput import BenchConfig, bench_sim
 
-        figures = bench_sim(BenchConfig(worlds=256, steps=10, rounds=3), robot=DEFAULT_ROBOT)
+        metrics = bench_sim(BenchConfig(worlds=256, steps=10, rounds=3), robot=DEFAULT_ROBOT)
     except Exception as error:  # whatever a broken installation raises is what is asked for
         return Check("simulation", False, one_line(f"{type(error).__name__}: {error}"), fix)
-    rate, ratio = figures["steps_per_second"], figures["ratio_to_engine"]
+    rate, ratio = metrics["steps_per_second"], metrics["ratio_to_engine"]
     found = f"about {console.rate_text(rate)} control steps/s, {ratio:.2f} of the bare engine"
     return Check("simulation", True, found)
 

@@ -143,17 +143,17 @@ def show(answer: Mapping[str, Any]) -> None:
             )
         for cluster in row["failure_clusters"]:
             typer.echo(f"{who}, {describe(cluster)}")
-    for method, figures in answer["summary"].items():
-        if figures["seeds"] > 1:
+    for method, spread in answer["summary"].items():
+        if spread["seeds"] > 1:
             measured = (
-                f"error {_spread(figures, 'ee_error_mean_m')} m"
+                f"error {_spread(spread, 'ee_error_mean_m')} m"
                 if columns is COLUMNS
-                else f"reward {_spread(figures, 'task_reward')} 1/s"
+                else f"reward {_spread(spread, 'task_reward')} 1/s"
             )
             typer.echo(
-                f"{method}, {figures['seeds']} seeds: {measured}, "
-                f"violation {_spread(figures, 'contact_violation_pct')} %, "
-                f"falls {_spread(figures, 'falls_pct')} %"
+                f"{method}, {spread['seeds']} seeds: {measured}, "
+                f"violation {_spread(spread, 'contact_violation_pct')} %, "
+                f"falls {_spread(spread, 'falls_pct')} %"
             )
     best = answer["best"]
     if len(rows) > 1:
@@ -177,9 +177,9 @@ def show_intervals(rows: Sequence[Mapping[str, Any]]) -> None:
     )
 
 
-def _spread(figures: Mapping[str, Any], name: str) -> str:
-    low, high = figures[f"{name}_interval"]
+def _spread(spread: Mapping[str, Any], name: str) -> str:
+    low, high = spread[f"{name}_interval"]
     return (
-        f"{figures[f'{name}_mean']:.4g} +- {figures[f'{name}_spread']:.2g}"
+        f"{spread[f'{name}_mean']:.4g} +- {spread[f'{name}_spread']:.2g}"
         f" (95 % of the mean: {low:.4g} to {high:.4g})"
     )

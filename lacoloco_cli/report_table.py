@@ -141,8 +141,8 @@ def table(rows: Sequence[Row]) -> list[str]:
     for seeds in by_method.values():
         for row in seeds:
             mark = ", best on other episodes" if row["best"] and len(rows) > 1 else ""
-            figures = [_with_interval(row, key) for key in keys]
-            cells = [row["method"], f"{row['seed']}{mark}", str(row["episodes"]), *figures]
+            metrics = [_with_interval(row, key) for key in keys]
+            cells = [row["method"], f"{row['seed']}{mark}", str(row["episodes"]), *metrics]
             lines.append(_line(cells))
     spread = any(len(seeds) > 1 for seeds in by_method.values())
     note = NOTE_OVER_SEEDS if spread else ""
@@ -155,7 +155,7 @@ def table(rows: Sequence[Row]) -> list[str]:
 
 
 def origin(artifact: Artifact) -> list[str]:
-    """Where the figures come from: command, program, machine, and hashes of all files."""
+    """Where the numbers come from: command, program, machine, and hashes of all files."""
     program = f"lacoloco {artifact.lacoloco_version}, commit {artifact.git_commit or 'unknown'}"
     policies = [
         f"`{_file(parent.path)}` {parent.sha256[:HASH_LETTERS]}" for parent in artifact.parents

@@ -166,11 +166,11 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
                 raise StageError(f"task {task!r} starts from {first!r}, which has no expert yet")
             trainer.start_from(trained[first])
         trained[task] = trainer
-        figures = train(
+        last = train(
             trainer, trainer.iterations, directory.path, context, f"expert {task}", LOG_KEYS
         )
         policies.append(trainer.policy())
-        metrics |= {f"{task}_seconds": figures["seconds"], f"{task}_samples": figures["samples"]}
+        metrics |= {f"{task}_seconds": last["seconds"], f"{task}_samples": last["samples"]}
         metrics |= assess(
             spec,
             task,

@@ -111,12 +111,12 @@ def run(
         command=context.command,
     )
     done = directory.complete()
-    figures = {
+    metrics = {
         "html": str(done.with_name(PAGE)),
         "robot": spec.name,
         "recordings": [recording.name for recording in shown],
     }
-    return StageResult(done, figures)
+    return StageResult(done, metrics)
 
 
 def record(

@@ -20,11 +20,16 @@ from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.datasets.store import StageDir
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.batch import retarget_all
-from lacoloco.pipelines.retargeting.cache import Piece, clip_keys, earlier_pieces, pieces_in
+from lacoloco.pipelines.retargeting.cache import (
+    FinishedClip,
+    clip_keys,
+    earlier_clips,
+    finished_clips,
+)
 from lacoloco.pipelines.retargeting.config import RetargetConfig
 from lacoloco.pipelines.retargeting.mocap.selection import load_selection
 from lacoloco.pipelines.retargeting.mocap.sources import clip_names, find_recordings
-from lacoloco.pipelines.retargeting.worker import Task, Worker, picture_path, piece_path
+from lacoloco.pipelines.retargeting.worker import Task, Worker, clip_path, picture_path
 from lacoloco.pipelines.robot import record_of
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.robots.registry import load_robot
@@ -89,9 +94,9 @@ def run(
     tasks, absent = _tasks(config, sources)
     worker = Worker(config, robot)
     keys, failures = _keys(worker, tasks)
-    earlier: dict[str, Piece] = {}
+    earlier: dict[str, FinishedClip] = {}
     if not force:
-        earlier = earlier_pieces(context.store, context.run, STAGE, set(keys.values()))
+        earlier = earlier_clips(context.store, context.run, STAGE, set(keys.values()))
     record = record_of(load_robot(robot))
     directory = context.begin(STAGE, context.work(config, record))
     todo = [task for task in tasks if task in keys and keys[task] not in earlier]
@@ -160,18 +165,18 @@ def _collect(
     tasks: Sequence[Task],
     keys: Mapping[Task, str],
     failures: Mapping[Task, Exception],
-    earlier: Mapping[str, Piece],
+    earlier: Mapping[str, FinishedClip],
     directory: StageDir,
-) -> list[tuple[Task, Piece]]:
+) -> list[tuple[Task, FinishedClip]]:
     """The clips that there are now, in the order of their files."""
     made = []
     for task in tasks:
         if task in failures:
             continue
-        piece = earlier.get(keys[task])
-        if piece is None:
-            (piece,) = pieces_in(piece_path(directory.path, keys[task]))
-        made.append((task, piece))
+        finished = earlier.get(keys[task])
+        if finished is None:
+            (finished,) = finished_clips(clip_path(directory.path, keys[task]))
+        made.append((task, finished))
     return made
 
 
@@ -183,14 +188,14 @@ def _nothing(tasks: Sequence[Task], failures: Mapping[Task, DatasetError | Stage
 
 
 def _metrics(
-    made: Sequence[tuple[Task, Piece]],
+    made: Sequence[tuple[Task, FinishedClip]],
     skipped: list[dict[str, str]],
     absent: list[str],
     kept: int,
 ) -> dict[str, Any]:
-    clips = [piece.figures for _, piece in made]
-    seconds = sum(p.clip.duration / p.figures["times_real_time"] for _, p in made)
-    frames = sum(figures["frames"] for figures in clips)
+    clips = [finished.metrics for _, finished in made]
+    seconds = sum(p.clip.duration / p.metrics["times_real_time"] for _, p in made)
+    frames = sum(metrics["frames"] for metrics in clips)
     return {
         "clips": clips,
         "skipped": skipped,
@@ -201,10 +206,10 @@ def _metrics(
     }
 
 
-def _holds(artifact: Path, made: Sequence[tuple[Task, Piece]]) -> bool:
+def _holds(artifact: Path, made: Sequence[tuple[Task, FinishedClip]]) -> bool:
     """Whether an artifact has these clips and no others."""
     try:
-        return clip_keys(artifact) == [piece.key for _, piece in made]
+        return clip_keys(artifact) == [finished.key for _, finished in made]
     except ArtifactError:
         return False
 
@@ -214,21 +219,21 @@ def _finish(
     config: RetargetConfig,
     context: StageContext,
     robot: RobotRecord,
-    made: Sequence[tuple[Task, Piece]],
+    made: Sequence[tuple[Task, FinishedClip]],
     metrics: Mapping[str, Any],
 ) -> None:
-    """Put clips and pictures together; the pieces are in the way then."""
-    for _, piece in made:
-        picture = picture_path(directory.path, piece.clip.name)
-        if piece.picture is not None and piece.picture != picture:
+    """Put clips and pictures together; the files of single clips are in the way then."""
+    for _, finished in made:
+        picture = picture_path(directory.path, finished.clip.name)
+        if finished.picture is not None and finished.picture != picture:
             picture.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(piece.picture, picture)
+            shutil.copyfile(finished.picture, picture)
     if len(made) == 1 and (picture := picture_path(directory.path, made[0][1].clip.name)).is_file():
         picture.rename(directory.file("report.png"))
         shutil.rmtree(directory.file("reports"))
     save_clips(
         directory.file("artifact.h5"),
-        [piece.clip for _, piece in made],
+        [finished.clip for _, finished in made],
         robot=robot,
         config=asdict(config),
         seed=context.seed,

@@ -29,12 +29,12 @@ class Progress(Protocol):
         """
         ...
 
-    def advance(self, done: int, **figures: float) -> None:
+    def advance(self, done: int, **metrics: float) -> None:
         """Tell how much is done.
 
         Args:
             done: Amount done since `start`, absolute and in the unit of `total`.
-            **figures: Named figures worth watching, e.g. `reward=0.71`.
+            **metrics: Named metrics worth watching, e.g. `reward=0.71`.
         """
         ...
 
@@ -53,7 +53,7 @@ class Silent:
     def start(self, description: str, total: int) -> None:
         """Ignore."""
 
-    def advance(self, done: int, **figures: float) -> None:
+    def advance(self, done: int, **metrics: float) -> None:
         """Ignore."""
 
     def say(self, line: str) -> None:

@@ -1,4 +1,4 @@
-"""What is true of one robot and no other: numbers that trainings and figures need."""
+"""What is true of one robot and no other: numbers that trainings and metrics need."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``lacoloco bench gpu``: parity first, then the figures of one table, then trainings for as long
+"""``lacoloco bench gpu``: parity first, then the metrics of one table, then trainings for as long
 as there is time.
 
 What is known is on disk after every row, so a run that is cut short has yielded all it had.
@@ -78,7 +78,7 @@ def bench_gpu(
     Args:
         config: how much.
         context: device; the run's folder takes ``figures.json``, runs named after it the trainings.
-        out: a folder that takes copies, flat, of the figures, the policies and the checkpoint of
+        out: a folder that takes copies, flat, of this file, the policies and the checkpoint of
             what was cut short.
 
     Returns:
@@ -95,9 +95,9 @@ def bench_gpu(
         report.add("parity", {"robot": robot, **found})
     for row in table(config, context.device):
         context.progress.say(f"measuring: {row.name}")
-        figures = row.measure()
-        rate = figures["steps_per_second"]
-        report.add("rows", {"name": row.name, "must": row.must, "aim": row.aim, **figures})
+        metrics = row.measure()
+        rate = metrics["steps_per_second"]
+        report.add("rows", {"name": row.name, "must": row.must, "aim": row.aim, **metrics})
         context.progress.say(
             f"{row.name}: {rate:.0f} control steps/s (must {row.must:.0f}, aim {row.aim:.0f})"
         )
@@ -117,10 +117,10 @@ def table(config: GpuBenchConfig, device: str) -> list[Row]:
     )
 
     def training() -> dict[str, Any]:
-        figures = bench_train(size, robot="solo12", device=device)
+        metrics = bench_train(size, robot="solo12", device=device)
         # Not measured, but what the rate amounts to.
-        minutes = train_low.paper().samples / figures["steps_per_second"] / 60.0
-        return {**figures, "paper_budget_minutes_at_this_rate": minutes}
+        minutes = train_low.paper().samples / metrics["steps_per_second"] / 60.0
+        return {**metrics, "paper_budget_minutes_at_this_rate": minutes}
 
     return [
         Row(
@@ -135,7 +135,7 @@ def table(config: GpuBenchConfig, device: str) -> list[Row]:
 
 
 class Report:
-    """The figures so far, on disk after every addition."""
+    """The metrics so far, on disk after every addition."""
 
     def __init__(self, context: StageContext, config: GpuBenchConfig, out: Path | None) -> None:
         """Begin with the circumstances."""

@@ -98,14 +98,14 @@ def usable(robot: str, sources: Sequence[Path]) -> tuple[list[Path], list[str]]:
 
 
 def compare_modes(robot: str, sources: Sequence[Path] = ()) -> list[dict[str, Any]]:
-    """Retarget files in both modes and put their figures side by side.
+    """Retarget files in both modes and put their metrics side by side.
 
     Args:
         robot: Name of the robot.
         sources: BVH files; default: the bundled dog.
 
     Returns:
-        One row per file: name, frames, `times_real_time` of mode clip on one core, and figures of
+        One row per file: name, frames, `times_real_time` of mode clip on one core, and metrics of
         both modes; `error_ratio` is clip over paper, `skate_ratio` paper over clip.
 
     Raises:
@@ -115,7 +115,7 @@ def compare_modes(robot: str, sources: Sequence[Path] = ()) -> list[dict[str, An
     rows = []
     workers = [Worker(RetargetConfig(mode=mode, scale="auto"), robot) for mode in ("clip", "paper")]
     for path in sources or [DOG_BVH]:
-        clip, paper = (_figures(worker, Task(Path(path), Path(path).stem)) for worker in workers)
+        clip, paper = (_metrics(worker, Task(Path(path), Path(path).stem)) for worker in workers)
         row = {key: clip[key] for key in ("name", "frames", "times_real_time", *CLIP_ONLY)}
         for key, name in BOTH.items():
             row[f"clip_{name}"], row[f"paper_{name}"] = clip[key], paper[key]
@@ -201,11 +201,11 @@ def other_starts(
     return {"frames_checked": len(excess), "worst_excess_m2": max(excess)}
 
 
-def _figures(worker: Worker, task: Task) -> dict[str, Any]:
+def _metrics(worker: Worker, task: Task) -> dict[str, Any]:
     mocap, _, retargeter, _ = worker.read(task)
     result = retargeter.clip(mocap, task.name)
     speed = result.clip.duration / max(result.seconds, 1e-9)
-    return {**result.figures(), "times_real_time": speed}
+    return {**result.metrics(), "times_real_time": speed}
 
 
 def _ratio(above: float, below: float) -> float:

@@ -1,6 +1,4 @@
-"""Who explores, and how far: worlds that act on their mean for a while, and worlds that dare more
-than the others.
-"""
+"""Exploration noise per world: none, the usual one, or a larger one, each held for a while."""
 
 from __future__ import annotations
 
@@ -10,15 +8,16 @@ MEAN, SAMPLED, HIGH_NOISE = 0.0, 1.0, 2.0
 
 
 class Exploration:
-    """What each world does now: act on its mean, sample, or sample boldly; it is decided anew after
-    a random spell.
+    """The noise scale of each world: 0 (the mean action), 1, or ``high_noise_scale``.
+
+    A world keeps its scale for a random time, then it is drawn again.
 
     Args:
         num_worlds: N.
-        greedy_fraction: mean share of steps on the mean; each world has a fixed probability of
+        greedy_fraction: Mean share of steps on the mean; each world has a fixed probability of
             its own.
-        noise_hold_steps: mean number of steps until a world decides anew.
-        high_noise_fraction: share of the sampling spells that are bold.
+        noise_hold_steps: Mean number of steps for which a scale is held.
+        high_noise_fraction: Share of the sampling times that have the high noise scale.
     """
 
     def __init__(
@@ -29,20 +28,20 @@ class Exploration:
         high_noise_fraction: float,
         device: torch.device | str,
     ) -> None:
-        """Begin with everybody sampling."""
+        """Begin with the usual noise in every world."""
         self.probability = sampling_probability(num_worlds, greedy_fraction).to(device)
         self.noise_hold_steps, self.high_noise_fraction = noise_hold_steps, high_noise_fraction
         self.kind = torch.full((num_worlds,), SAMPLED, device=device)
         """(N,) ``MEAN``, ``SAMPLED`` or ``HIGH_NOISE``."""
         self.high_noise_scale = 1.0
-        """Factor on the exploration std in bold spells."""
+        """Factor on the exploration std where the noise is high."""
 
     def advance(self) -> torch.Tensor:
         """(N,) factors on the exploration std for the next step, 0 where it is to be the mean."""
-        sample, bold, anew = torch.rand(3, len(self.kind), device=self.kind.device)
-        drawn = torch.where(bold < self.high_noise_fraction, HIGH_NOISE, SAMPLED)
+        sample, high, change = torch.rand(3, len(self.kind), device=self.kind.device)
+        drawn = torch.where(high < self.high_noise_fraction, HIGH_NOISE, SAMPLED)
         drawn = torch.where(sample < self.probability, drawn, MEAN)
-        self.kind = torch.where(anew * self.noise_hold_steps < 1.0, drawn, self.kind)
+        self.kind = torch.where(change * self.noise_hold_steps < 1.0, drawn, self.kind)
         return torch.where(self.kind == HIGH_NOISE, self.high_noise_scale, self.kind)
 
 

@@ -78,8 +78,8 @@ class LatentSchedule:
     """The latent of every world: held for a random while, new at every reset; all uniform on the
     sphere.
 
-    Those of the worlds that wander move on in steps, each world in its own, as under a high level
-    that makes up its mind.
+    In some worlds it follows a random walk instead, as under a high level that changes its latent
+    little by little. Each of these worlds has a step size of its own.
     """
 
     def __init__(
@@ -97,12 +97,12 @@ class LatentSchedule:
             device,
         )
         self.random_walk = torch.zeros(num_worlds, dtype=torch.bool, device=device)
-        """(N,) bool, which worlds wander; none until somebody says so."""
-        # Multiples of the golden ratio: evenly spread over whichever worlds wander.
+        """(N,) bool, whose latent follows a random walk; none until it is set."""
+        # Multiples of the golden ratio: evenly spread over any subset of the worlds.
         place = torch.arange(num_worlds, device=device) * 0.6180339887498949 % 1.0
         slowest, fastest = config.random_walk_step_size
         self.step_size = slowest * (fastest / slowest) ** place
-        """(N,) how far a world's latent wanders at once."""
+        """(N,) step size of the random walk."""
         self.z = sample_latents(num_worlds, config.dim, self.generator)
         self.remaining = self._durations(torch.arange(num_worlds, device=device))
 
@@ -130,11 +130,11 @@ class LatentSchedule:
         fresh = torch.randn(
             len(worlds), self.config.dim, generator=self.generator, device=self.generator.device
         )
-        jumps = (
+        resampled = (
             torch.rand(len(worlds), generator=self.generator, device=self.generator.device)
             < self.config.resample_probability
         )
-        goes_on = pick(self.random_walk & ~done, worlds) & ~jumps
+        goes_on = pick(self.random_walk & ~done, worlds) & ~resampled
         moved = pick(self.z, worlds) + pick(self.step_size, worlds)[:, None] * fresh
         return project(torch.where(goes_on[:, None], moved, fresh))
 

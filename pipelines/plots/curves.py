@@ -46,7 +46,7 @@ def plot_run(store: RunStore, run: str, file: Path) -> dict[str, list[str]]:
 
 
 def draw(stages: dict[str, list[Training]], title: str) -> Figure:
-    """A section per stage, each with the panels that its trainings have figures for."""
+    """A section per stage, each with the panels that its trainings have metrics for."""
     shown = {stage: _shown(PANELS[stage], members) for stage, members in stages.items()}
     rows = {stage: -(-len(panels) // COLUMNS) for stage, panels in shown.items()}
     heads = {
@@ -101,7 +101,7 @@ def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
                 shown = look if not several else look | {"color": GREY}
                 handles.setdefault(line.label, Line2D([], [], label=line.label, **shown))
         for position, line in enumerate(_expand(panel.references, training)):
-            value = training.figures[line.figure]
+            value = training.metrics[line.figure]
             level = line.factor * value[np.isfinite(value)][-1]
             # Of one training, the clips' line has the colour of what it is to be compared with.
             colour = GREY if several or len(panel.references) == 1 else _colour(position)
@@ -123,12 +123,12 @@ def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
 
 
 def _curve(axes: Axes, training: Training, line: Line, look: dict[str, Any], log: bool) -> None:
-    values = training.figures[line.figure] * line.factor
+    values = training.metrics[line.figure] * line.factor
     # What is held at zero for a while has no place on a logarithmic axis.
     there = np.isfinite(values) & ((values > 0.0) | (not log))
     samples, values = training.samples[there] / 1e6, values[there]
-    if line.band is not None and all(name in training.figures for name in line.band):
-        low, high = (training.figures[name][there] * line.factor for name in line.band)
+    if line.band is not None and all(name in training.metrics for name in line.band):
+        low, high = (training.metrics[name][there] * line.factor for name in line.band)
         axes.fill_between(samples, low, high, color=look["color"], alpha=0.13, linewidth=0.0)
     if len(values) < SPARSE:
         axes.plot(samples, values, marker="o", markersize=2.5, **look)
@@ -158,17 +158,17 @@ def _shown(panels: Sequence[Panel], members: Sequence[Training]) -> list[Panel]:
 
 
 def _expand(lines: Sequence[Line], training: Training) -> list[Line]:
-    """The lines that a training has figures for, those with a ``*`` one by one."""
+    """The lines that a training has metrics for, those with a ``*`` one by one."""
     found = []
     for line in lines:
         if line.figure.endswith("*"):
             stem = line.figure[:-1]
-            names = [name for name in training.figures if name.startswith(stem)]
+            names = [name for name in training.metrics if name.startswith(stem)]
             labels = [f"{line.label} {name.removeprefix(stem).replace('_', ' ')}" for name in names]
             found += [
                 Line(name, label, line.factor) for name, label in zip(names, labels, strict=True)
             ]
-        elif line.figure in training.figures and np.isfinite(training.figures[line.figure]).any():
+        elif line.figure in training.metrics and np.isfinite(training.metrics[line.figure]).any():
             found.append(line)
     return found
 

@@ -22,13 +22,13 @@ class Training:
         stage: verb that trained it.
         label: tells it from the others, e.g. ``0002 drail-cat seed 0``.
         samples: (n,) control steps at each logged iteration.
-        figures: name -> (n,) values, NaN where an iteration has none.
+        metrics: name -> (n,) values, NaN where an iteration has none.
     """
 
     stage: str
     label: str
     samples: np.ndarray
-    figures: dict[str, np.ndarray]
+    metrics: dict[str, np.ndarray]
 
 
 def trainings(store: RunStore, run: str) -> list[Training]:
@@ -78,5 +78,5 @@ def _training(name: str, stage: str, version: str, rows: list[dict[str, float]])
     order = np.argsort(
         samples, kind="stable"
     )  # a resumed training may log after another one of its directory
-    figures = {figure: values[order] for figure, values in columns.items()}
-    return Training(stage, f"{version} {name.removeprefix(stage).strip()}", samples[order], figures)
+    metrics = {figure: values[order] for figure, values in columns.items()}
+    return Training(stage, f"{version} {name.removeprefix(stage).strip()}", samples[order], metrics)

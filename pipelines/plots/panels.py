@@ -1,4 +1,4 @@
-"""Which figures of a training belong into one panel, in which unit, and what to compare them
+"""Which metrics of a training belong into one panel, in which unit, and what to compare them
 with.
 """
 

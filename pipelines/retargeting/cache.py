@@ -15,26 +15,26 @@ from lacoloco.pipelines.retargeting.worker import picture_path
 
 
 @dataclass(frozen=True)
-class Piece:
-    """One clip as it was written, with its figures and, where there is one, its picture."""
+class FinishedClip:
+    """One clip as it was written, with its metrics and, where there is one, its picture."""
 
     clip: Clip
-    figures: dict[str, Any]
+    metrics: dict[str, Any]
     picture: Path | None
 
     @property
     def key(self) -> str:
         """See `Worker.key`."""
-        return self.figures["key"]
+        return self.metrics["key"]
 
 
-def earlier_pieces(store: RunStore, run: str, stage: str, keys: Set[str]) -> dict[str, Piece]:
+def earlier_clips(store: RunStore, run: str, stage: str, keys: Set[str]) -> dict[str, FinishedClip]:
     """Clips with these keys in complete versions of a stage and in what killed ones left."""
-    found: dict[str, Piece] = {}
+    found: dict[str, FinishedClip] = {}
     for path in _candidates(store, run, stage):
         try:
             if keys & set(clip_keys(path)) - set(found):
-                found |= {p.key: p for p in pieces_in(path) if p.key in keys - set(found)}
+                found |= {p.key: p for p in finished_clips(path) if p.key in keys - set(found)}
         except (ArtifactError, KeyError, TypeError):
             continue  # damaged, or by another lacoloco: made again
     return found
@@ -50,7 +50,7 @@ def clip_keys(path: Path) -> list[str]:
     return [row.get("key", "") for row in rows]
 
 
-def pieces_in(path: Path) -> Iterator[Piece]:
+def finished_clips(path: Path) -> Iterator[FinishedClip]:
     """The clips of an artifact, read and verified.
 
     Raises:
@@ -58,13 +58,13 @@ def pieces_in(path: Path) -> Iterator[Piece]:
     """
     artifact = read_artifact(path, SCHEMA)
     rows = artifact.metadata["metrics"]["clips"]
-    for clip, figures in zip(clips_of(artifact), rows, strict=True):
+    for clip, metrics in zip(clips_of(artifact), rows, strict=True):
         folder = path.parent.parent if path.parent.name == "pieces" else path.parent
         pictures = [picture_path(folder, clip.name)]
         if len(rows) == 1:
             pictures.append(folder / "report.png")
         picture = next((picture for picture in pictures if picture.is_file()), None)
-        yield Piece(clip, figures, picture)
+        yield FinishedClip(clip, metrics, picture)
 
 
 def _candidates(store: RunStore, run: str, stage: str) -> Iterator[Path]:

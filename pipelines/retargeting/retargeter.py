@@ -43,12 +43,12 @@ class Retargeted:
     seconds: float
     """Processor time."""
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """Name, number of frames, and all that is measured; plain JSON values."""
         return {
             "name": self.clip.name,
             "frames": self.clip.frames,
-            **self.assessment.figures(),
+            **self.assessment.metrics(),
             "solver_failures": self.failures,
         }
 

@@ -111,7 +111,7 @@ class Worker:
 
         Args:
             task: The file.
-            folder: Of the version; the clip goes to `piece_path`, the picture to `picture_path`.
+            folder: Of the version; the clip goes to `clip_path`, the picture to `picture_path`.
             on_start: Told the number of frames; what it gives is told how many are done.
 
         Returns:
@@ -134,8 +134,8 @@ class Worker:
         )
         _refuse_unsolved(task, result, findings)
         findings += result.assessment.findings()
-        figures = {
-            **result.figures(),
+        metrics = {
+            **result.metrics(),
             "times_real_time": result.clip.duration / max(result.seconds, 1e-9),
             "warnings": [finding.name for finding in findings],
             "notes": [f"{finding.name}: {finding.text}" for finding in findings],
@@ -146,18 +146,18 @@ class Worker:
         if self._config.pictures:
             picture = picture_path(folder, task.name)
             picture.parent.mkdir(parents=True, exist_ok=True)
-            write_report(picture, result.assessment, figures)
-        piece = piece_path(folder, key)
-        piece.parent.mkdir(exist_ok=True)
+            write_report(picture, result.assessment, metrics)
+        finished = clip_path(folder, key)
+        finished.parent.mkdir(exist_ok=True)
         save_clips(
-            piece,
+            finished,
             [result.clip],
             robot=record_of(self._spec),
             config=asdict(self._config),
             parents=[task.path],
-            metadata={"metrics": {"clips": [figures]}},
+            metadata={"metrics": {"clips": [metrics]}},
         )
-        return figures
+        return metrics
 
 
 def _refuse_unsolved(task: Task, result: Retargeted, findings: list[Finding]) -> None:
@@ -174,7 +174,7 @@ def _refuse_unsolved(task: Task, result: Retargeted, findings: list[Finding]) ->
         findings.append(Finding("unsolved", text))
 
 
-def piece_path(folder: Path, key: str) -> Path:
+def clip_path(folder: Path, key: str) -> Path:
     """Where the clip of a file lies until all are there."""
     return folder / "pieces" / f"{key[:16]}.h5"
 

@@ -52,12 +52,12 @@ def check_parity(spec: RobotSpec, device: str, worlds: int = 256) -> dict[str, f
     for engine in engines:
         engine.set_parameters(parameters)
     rounds = [_one_step(spec, engines, worlds, generator) for _ in range(ROUNDS)]
-    figures = {
+    metrics = {
         name: float(torch.cat([differences[name] for differences in rounds]).quantile(SHARE))
         for name in rounds[0]
         if name != "touching"
     }
-    for name, found in figures.items():
+    for name, found in metrics.items():
         if not found <= TOLERANCES[name]:
             raise StageError(
                 f"{spec.name} on {device}: MuJoCo Warp and the C engine differ in {name} by "
@@ -65,7 +65,7 @@ def check_parity(spec: RobotSpec, device: str, worlds: int = 256) -> dict[str, f
                 f"from equal states (tolerance {TOLERANCES[name]:g}): its results cannot be trusted"
             )
     touching = float(torch.stack([differences["touching"] for differences in rounds]).mean())
-    return {**figures, "touching": touching}
+    return {**metrics, "touching": touching}
 
 
 def _one_step(

@@ -31,13 +31,13 @@ def with_animal(recording: Recording, artifact: Artifact, index: int, spec: Robo
         The same recording where the mocap is gone, changed, or was never there.
     """
     try:
-        figures, parent = artifact.metadata["metrics"]["clips"][index], artifact.parents[index]
+        metrics, parent = artifact.metadata["metrics"]["clips"][index], artifact.parents[index]
         path = parent.locate(artifact.path)
         if hash_file(path) != parent.sha256:
             return recording
-        mocap = Reading(**figures["reading"]).of(path)
+        mocap = Reading(**metrics["reading"]).of(path)
         radius = spec.foot_radius()
-        skeleton = skeleton_in_size(mocap, figures["paws"], float(figures["scale"]), radius)
+        skeleton = skeleton_in_size(mocap, metrics["paws"], float(metrics["scale"]), radius)
     except (KeyError, IndexError, TypeError, OSError, DatasetError, StageError):
         return recording  # the clip is what is played; its animal is an extra
     if len(skeleton) != recording.frames:

@@ -21,29 +21,29 @@ def answer(*arguments):
 
 
 def test_sim_gives_a_rate_and_a_ratio():
-    figures = answer("sim", *SMOKE)
-    assert figures["steps_per_second"] > 0
-    assert figures["ratio_to_engine"] > 0
-    assert (figures["robot"], figures["task"], figures["worlds"]) == ("solo12", "walk", 8)
-    assert sum(figures["shares"].values()) == pytest.approx(1.0, abs=1e-6)
+    metrics = answer("sim", *SMOKE)
+    assert metrics["steps_per_second"] > 0
+    assert metrics["ratio_to_engine"] > 0
+    assert (metrics["robot"], metrics["task"], metrics["worlds"]) == ("solo12", "walk", 8)
+    assert sum(metrics["shares"].values()) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_sim_takes_another_task_robot_and_size():
-    figures = answer("sim", "--task", "reach", "--robot", "h1", "--set", "worlds=3", *SMOKE)
-    assert (figures["robot"], figures["task"], figures["worlds"]) == ("h1", "reach", 3)
+    metrics = answer("sim", "--task", "reach", "--robot", "h1", "--set", "worlds=3", *SMOKE)
+    assert (metrics["robot"], metrics["task"], metrics["worlds"]) == ("h1", "reach", 3)
 
 
 @pytest.mark.slow
 def test_train_gives_a_rate_and_a_ratio():
-    figures = answer("train", "--disc", "gan", "--no-cat", *SMOKE)
-    assert figures["method"] == "gan"
-    assert figures["steps_per_second"] > 0 and figures["ratio_to_engine"] > 0
+    metrics = answer("train", "--disc", "gan", "--no-cat", *SMOKE)
+    assert metrics["method"] == "gan"
+    assert metrics["steps_per_second"] > 0 and metrics["ratio_to_engine"] > 0
 
 
 @pytest.mark.slow
 def test_retarget_gives_a_rate_and_a_ratio():
-    figures = answer("retarget")
-    assert figures["frames_per_second"] > 0 and figures["ratio_to_engine"] > 0
+    metrics = answer("retarget")
+    assert metrics["frames_per_second"] > 0 and metrics["ratio_to_engine"] > 0
 
 
 def test_a_person_sees_the_ratio_and_where_the_time_goes():

@@ -13,10 +13,10 @@ def invoke(*arguments):
 
 
 def test_the_published_experts_are_assessed():
-    figures = json.loads(invoke("--episodes", "4", "--seconds", "0.4", "--json").stdout)
-    assert figures["experts"].endswith("solo12-experts.h5")
-    assert figures["walk_falls_pct"] == figures["reach_falls_pct"] == 0.0
-    assert 0.0 < figures["walk_velocity_error"] < 1.0
+    metrics = json.loads(invoke("--episodes", "4", "--seconds", "0.4", "--json").stdout)
+    assert metrics["experts"].endswith("solo12-experts.h5")
+    assert metrics["walk_falls_pct"] == metrics["reach_falls_pct"] == 0.0
+    assert 0.0 < metrics["walk_velocity_error"] < 1.0
 
 
 @pytest.mark.parametrize("name", ["nobody-experts", "solo12-synthetic"])

@@ -114,8 +114,8 @@ def test_a_figure_is_drawn_instead_of_a_page(motions, tmp_path, monkeypatch):
         asked.append((config, policy, motions))
         picture = tmp_path / "switching.png"
         picture.write_bytes(PNG)
-        figures = {"walk_first_reach_last": 0.25, "episodes": 4, "picture": str(picture)}
-        return StageResult(tmp_path / "artifact.h5", figures)
+        metrics = {"walk_first_reach_last": 0.25, "episodes": 4, "picture": str(picture)}
+        return StageResult(tmp_path / "artifact.h5", metrics)
 
     monkeypatch.setattr(switching, "run", run)
     figure = tmp_path / "mine.png"

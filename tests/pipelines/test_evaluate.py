@@ -132,11 +132,11 @@ def test_the_artifact_holds_every_episode_and_its_policies(context, two_seeds):
 
 
 def test_methods_are_summed_up_apart():
-    figures = dict.fromkeys(evaluate.METRICS, 1.0)
+    row = dict.fromkeys(evaluate.METRICS, 1.0)
     rows = [
-        {"method": "gan", **figures},
-        {"method": "drail", **figures},
-        {"method": "gan", **figures},
+        {"method": "gan", **row},
+        {"method": "drail", **row},
+        {"method": "gan", **row},
     ]
     summary = evaluate.summary(rows)
     assert {name: entry["seeds"] for name, entry in summary.items()} == {"gan": 2, "drail": 1}

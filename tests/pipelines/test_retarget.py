@@ -75,12 +75,12 @@ def short_dog(tmp_path):
 )
 def test_the_bundled_dog_becomes_a_clip(context, whole_dog, config, worst_error):
     result = whole_dog if config == RetargetConfig() else retarget_run(config, context)
-    (figures,) = result.metrics["clips"]
-    assert set(figures) >= FIGURES
-    assert figures["frames"] == 721
-    assert figures["solver_failures"] == 0
-    assert figures["keypoint_error_mean_m"] < worst_error
-    assert figures["ground_penetration_max_m"] < 1e-6
+    (row,) = result.metrics["clips"]
+    assert set(row) >= FIGURES
+    assert row["frames"] == 721
+    assert row["solver_failures"] == 0
+    assert row["keypoint_error_mean_m"] < worst_error
+    assert row["ground_penetration_max_m"] < 1e-6
     assert result.metrics["frames_per_second"] > 0
 
     (clip,) = load_clips(result.artifact, robot="solo12")
@@ -90,7 +90,7 @@ def test_the_bundled_dog_becomes_a_clip(context, whole_dog, config, worst_error)
     artifact = read_artifact(result.artifact)
     assert [Path(parent.path).name for parent in artifact.parents] == [DOG_BVH.name]
     assert artifact.config["mode"] == config.mode
-    assert artifact.metadata["metrics"]["clips"] == [figures]
+    assert artifact.metadata["metrics"]["clips"] == [row]
 
 
 def test_the_robot_goes_where_the_dog_goes_at_its_own_size(whole_dog):
@@ -197,10 +197,10 @@ def test_scales_that_are_not(text):
 def test_the_clip_of_the_original_has_no_failure(shared, context):
     path = shared / "data/mocap/bvh/D1_031_KAN01_001.bvh"
     result = retarget_run(retarget.paper(), context, sources=[path])
-    (figures,) = result.metrics["clips"]
-    assert (figures["frames"], figures["solver_failures"]) == (1263, 0)
-    assert figures["scale"] == 1.0
-    assert figures["keypoint_error_mean_m"] < 0.06
+    (row,) = result.metrics["clips"]
+    assert (row["frames"], row["solver_failures"]) == (1263, 0)
+    assert row["scale"] == 1.0
+    assert row["keypoint_error_mean_m"] < 0.06
 
 
 def test_thirty_frames_per_second_in_another_channel_order(shared, context):
@@ -288,8 +288,8 @@ def test_a_selection_takes_parts_of_files_and_tells_what_is_absent(context, shor
     selection.write_text("[clips]\nshort = [10, 50]\ngone = []\n")
     config = replace(QUICK, select=str(selection))
     result = retarget_run(config, context, sources=[tmp_path])
-    (figures,) = result.metrics["clips"]
-    assert figures["frames"] == 40
+    (row,) = result.metrics["clips"]
+    assert row["frames"] == 40
     assert result.metrics["absent"] == ["gone"]
     selection.write_text("[clips]\ngone = []\n")
     with pytest.raises(StageError, match="none of its 1 recordings"):
@@ -331,7 +331,7 @@ def test_every_file_in_six_variants(context, short_dog):
     np.testing.assert_array_equal(
         clips["_mirror_bend-0.8"].root_pos, load_clips(alone.artifact)[0].root_pos
     )
-    readings = [figures["reading"] for figures in result.metrics["clips"]]
+    readings = [row["reading"] for row in result.metrics["clips"]]
     assert [(one["mirror"], one["bend"]) for one in readings[1:4]] == [
         (True, 0),
         (False, 0.8),

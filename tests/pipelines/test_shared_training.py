@@ -27,14 +27,14 @@ def work(path):
         seed = parallel.own_seed(0)
         trainer = LowTrainer(spec, MotionLibrary(clips), config, seed=seed, device="cpu")
         trainer.pretrain()
-        figures = [trainer.iterate(progress) for progress in (0.0, 0.4, 0.8)]
+        metrics = [trainer.iterate(progress) for progress in (0.0, 0.4, 0.8)]
         algorithm = trainer.algorithm
         state = {name: getattr(algorithm, name).state_dict() for name in (*MODULES, *OPTIMIZERS)}
         state["embedding"] = trainer.embedding.state_dict()
         result = {
             "state": {**state, "c_max": trainer.terminations.state_dict()},
             "worlds": trainer.env.physics.qpos,
-            "falls": [row["falls_per_1000_steps"] for row in figures],
+            "falls": [row["falls_per_1000_steps"] for row in metrics],
         }
         torch.save(result, f"{path}.{parallel.rank()}")
 

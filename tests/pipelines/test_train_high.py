@@ -210,10 +210,10 @@ def test_the_use_of_latents_is_that_of_the_mean_decisions(make_trainer):
     with torch.no_grad():
         trainer.algorithm.actor.mlp[-1].weight.zero_()
         trainer.algorithm.actor.mlp[-1].bias.copy_(torch.eye(7)[2])
-    figures = trainer.iterate(0.0)
-    assert figures["latent_resultant"] == pytest.approx(1.0, abs=1e-5), "whatever the noise"
-    assert figures["latent_directions"] == pytest.approx(1.0, abs=1e-3)
-    assert figures["speed"] > 0.0
+    metrics = trainer.iterate(0.0)
+    assert metrics["latent_resultant"] == pytest.approx(1.0, abs=1e-5), "whatever the noise"
+    assert metrics["latent_directions"] == pytest.approx(1.0, abs=1e-3)
+    assert metrics["speed"] > 0.0
 
 
 def test_a_fall_is_undone_with_its_target_and_latent(make_trainer, monkeypatch):
@@ -231,8 +231,8 @@ def test_a_fall_is_undone_with_its_target_and_latent(make_trainer, monkeypatch):
         )
 
     monkeypatch.setattr(env, "step", unlucky)
-    figures = trainer.iterate(0.5)
-    assert (figures["falls_per_episode"], figures["episodes"]) == (1.0, 16.0)
+    metrics = trainer.iterate(0.5)
+    assert (metrics["falls_per_episode"], metrics["episodes"]) == (1.0, 16.0)
     assert torch.equal(env.env.command, seen[0][0]), "nobody got a new target"
     assert any(torch.equal(env.latent[3], latent[3]) for _, latent in seen[:6]), "a second before"
     assert not env.env.steps.any()

@@ -119,9 +119,9 @@ def test_constraints_rise_with_the_progress_and_reach_the_learner(
     trainer = make_trainer(cat_ramp=(0.0, 1.0))
     step, violations = trainer.env.step, {"foot_force": torch.full((16, 4), 3.0)}
     monkeypatch.setattr(trainer.env, "step", lambda a: replace(step(a), violations=violations))
-    figures = trainer.iterate(progress)
+    metrics = trainer.iterate(progress)
     assert torch.allclose(trainer.algorithm.delta, torch.tensor(expected))
-    assert figures["delta"] == pytest.approx(expected)
+    assert metrics["delta"] == pytest.approx(expected)
 
 
 def test_each_constraint_is_reported_over_the_whole_rollout(make_trainer, monkeypatch):
@@ -135,9 +135,9 @@ def test_each_constraint_is_reported_over_the_whole_rollout(make_trainer, monkey
         return replace(step(action), violations={"foot_force": margin})
 
     monkeypatch.setattr(trainer.env, "step", scripted)
-    figures = trainer.iterate(0.0)
-    assert figures["violation_foot_force"] == pytest.approx(0.125)
-    assert 0.0 < figures["c_max_foot_force"] <= 3.0
+    metrics = trainer.iterate(0.0)
+    assert metrics["violation_foot_force"] == pytest.approx(0.125)
+    assert 0.0 < metrics["c_max_foot_force"] <= 3.0
 
 
 def test_what_a_person_watches_is_reported(make_trainer):
@@ -150,9 +150,9 @@ def test_what_a_person_watches_is_reported(make_trainer):
         "value",
         "delta",
     }
-    figures = make_trainer().iterate(0.5)
-    assert expected <= set(figures)
-    assert 0.5 < figures["diversity"] < 1.5, "an untrained actor hardly depends on the latent"
+    metrics = make_trainer().iterate(0.5)
+    assert expected <= set(metrics)
+    assert 0.5 < metrics["diversity"] < 1.5, "an untrained actor hardly depends on the latent"
 
 
 def test_without_constraints_nothing_is_terminated_softly(make_trainer):
@@ -196,11 +196,11 @@ def test_closing_metrics_compare_with_the_clips(make_trainer):
         "metrics": {"score": 0.3},
         "samples": 640,
     }
-    figures = trainer.closing_metrics()
-    assert figures["falls_last_1pct"] == 7.0
-    assert figures["clip_speed"] == pytest.approx(0.4, abs=0.01)
-    assert figures["diverged_worlds"] == 0.0
-    assert (figures["chosen_after"], figures["score"]) == (640.0, 0.3)
+    metrics = trainer.closing_metrics()
+    assert metrics["falls_last_1pct"] == 7.0
+    assert metrics["clip_speed"] == pytest.approx(0.4, abs=0.01)
+    assert metrics["diverged_worlds"] == 0.0
+    assert (metrics["chosen_after"], metrics["score"]) == (640.0, 0.3)
 
 
 def test_motions_are_needed():

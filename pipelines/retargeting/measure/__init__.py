@@ -1,1 +1,1 @@
-"""How good a retargeted clip is: the figures and their picture."""
+"""How good a retargeted clip is: the metrics and their picture."""

@@ -1,4 +1,4 @@
-"""A retargeted clip beside what it was to follow: from here come its figures and its picture."""
+"""A retargeted clip beside what it was to follow: from here come its metrics and its picture."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Assessment:
         return find_penetrations(self.spec, qpos, DEEP)
 
     def findings(self) -> list[Finding]:
-        """What the figures say that a person should know."""
+        """What the metrics say that a person should know."""
         found, frames = [], self.clip.frames
         share = float(self.targets.contacts.any(axis=1).mean())
         missing = float(np.median(self.efforts.missing) / self.spec.weight())
@@ -99,8 +99,8 @@ class Assessment:
                 found.append(Finding(name, text))
         return found
 
-    def figures(self) -> dict[str, Any]:
-        """All figures of the clip, plain JSON values."""
+    def metrics(self) -> dict[str, Any]:
+        """All metrics of the clip, plain JSON values."""
         spec, fps = self.spec, self.clip.fps
         speed_limits = np.array(spec.velocity_limits)
         bounds = retarget_bounds(spec)

@@ -22,13 +22,13 @@ LINE = 0.9
 SIZE, DPI = (13.0, 14.0), 90
 
 
-def write_report(path: Path, assessment: Assessment, figures: Mapping[str, Any]) -> None:
+def write_report(path: Path, assessment: Assessment, metrics: Mapping[str, Any]) -> None:
     """Draw a clip and write it as PNG.
 
     Args:
         path: The file; its folder exists.
         assessment: The clip.
-        figures: Those of `Retargeted.figures`.
+        metrics: Those of `Retargeted.metrics`.
     """
     figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
@@ -44,24 +44,24 @@ def write_report(path: Path, assessment: Assessment, figures: Mapping[str, Any])
         axis.title.set_position((0.0, 1.0))
     for axis in axes[-1]:
         axis.set_xlabel("s")
-    figure.suptitle(_headline(figures, assessment), fontsize=11, x=0.01, ha="left")
+    figure.suptitle(_headline(metrics, assessment), fontsize=11, x=0.01, ha="left")
     figure.savefig(path, format="png")
 
 
-def _headline(figures: Mapping[str, Any], assessment: Assessment) -> str:
-    hits = figures["joint_limit_hits"] + figures["joint_speed_hits"]
+def _headline(metrics: Mapping[str, Any], assessment: Assessment) -> str:
+    hits = metrics["joint_limit_hits"] + metrics["joint_speed_hits"]
     return (
-        f"{figures['name']}: {figures['frames']} frames at {assessment.clip.fps:.0f}/s,"
-        f" {assessment.spec.name}, animal x {figures['scale']:.3f}\n"
-        f"keypoint error {100 * figures['keypoint_error_mean_m']:.1f} cm"
-        f" (95 % below {100 * figures['keypoint_error_p95_m']:.1f}),"
-        f" skate {100 * figures['foot_skate_mean_m_s']:.2f} cm/s,"
-        f" sunk {1000 * figures['ground_penetration_max_m']:.2f} mm,"
-        f" floating {1000 * figures['stance_float_max_m']:.2f} mm,"
-        f" contacts {100 * figures['contact_agreement']:.1f} % as the animal's\n"
-        f"{hits} limit hits, acceleration up to {figures['joint_acceleration_peak']:.0f} rad/s^2,"
-        f" torques 95 % below {figures['torque_share_p95']:.2f} of the limit,"
-        f" {figures['solver_failures']} frames the solver failed"
+        f"{metrics['name']}: {metrics['frames']} frames at {assessment.clip.fps:.0f}/s,"
+        f" {assessment.spec.name}, animal x {metrics['scale']:.3f}\n"
+        f"keypoint error {100 * metrics['keypoint_error_mean_m']:.1f} cm"
+        f" (95 % below {100 * metrics['keypoint_error_p95_m']:.1f}),"
+        f" skate {100 * metrics['foot_skate_mean_m_s']:.2f} cm/s,"
+        f" sunk {1000 * metrics['ground_penetration_max_m']:.2f} mm,"
+        f" floating {1000 * metrics['stance_float_max_m']:.2f} mm,"
+        f" contacts {100 * metrics['contact_agreement']:.1f} % as the animal's\n"
+        f"{hits} limit hits, acceleration up to {metrics['joint_acceleration_peak']:.0f} rad/s^2,"
+        f" torques 95 % below {metrics['torque_share_p95']:.2f} of the limit,"
+        f" {metrics['solver_failures']} frames the solver failed"
     )
 
 

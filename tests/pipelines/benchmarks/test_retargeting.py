@@ -6,10 +6,10 @@ from lacoloco.pipelines.benchmarks import retargeting as bench
 
 def test_the_benchmark_answers_with_both_rates_and_their_ratio(monkeypatch):
     monkeypatch.setattr(bench, "REBUILT", 4)
-    figures = bench.bench_retarget("solo12", rounds=1)
-    assert figures["frames"] == 721
-    ratio = figures["frames_per_second"] / figures["rebuilt_frames_per_second"]
-    assert figures["ratio_to_engine"] == ratio
+    metrics = bench.bench_retarget("solo12", rounds=1)
+    assert metrics["frames"] == 721
+    ratio = metrics["frames_per_second"] / metrics["rebuilt_frames_per_second"]
+    assert metrics["ratio_to_engine"] == ratio
     assert ratio > 1
 
 
@@ -34,9 +34,9 @@ def test_files_that_cannot_be_used_are_told_apart(dog_file, tmp_path):
 
 
 def test_no_other_start_is_better_on_the_sample(dog_file):
-    figures = bench.other_starts(sources=[dog_file], every=20, starts=2)
-    assert figures["frames_checked"] == 3
-    assert figures["worst_excess_m2"] <= 1e-6
+    metrics = bench.other_starts(sources=[dog_file], every=20, starts=2)
+    assert metrics["frames_checked"] == 3
+    assert metrics["worst_excess_m2"] <= 1e-6
 
 
 @pytest.fixture

@@ -31,35 +31,35 @@ def coverage(solo12, motions):
 
 
 def test_behaviours_are_counted_once_each_and_a_fall_first():
-    figures = Behaviour(
+    metrics = Behaviour(
         speed=torch.tensor([0.0, 0.3, 0.3, 0.3, 0.1]),
         lift=torch.tensor([0.0, 0.0, 0.2, 0.2, 0.2]),
         frame=torch.zeros(5, 34),
         fell=torch.tensor([False, False, False, True, False]),
         thresholds=THRESHOLDS,
     ).shares()
-    assert figures == pytest.approx({"walk": 0.2, "reach": 0.4, "fall": 0.2, "stand": 0.2})
+    assert metrics == pytest.approx({"walk": 0.2, "reach": 0.4, "fall": 0.2, "stand": 0.2})
 
 
 def test_quantiles_by_hand():
     """Of those that do not fall: one that tumbles at 9 m/s says nothing about walking."""
     speed = torch.cat((torch.linspace(0.0, 1.0, 11), torch.tensor([9.0])))
-    figures = Behaviour(speed, -speed, torch.zeros(12, 34), speed > 2.0, THRESHOLDS).distribution()
-    assert figures["speed"] == pytest.approx(0.5)
-    quantiles = [figures[f"speed_{name}"] for name in ("p10", "p50", "p90")]
+    metrics = Behaviour(speed, -speed, torch.zeros(12, 34), speed > 2.0, THRESHOLDS).distribution()
+    assert metrics["speed"] == pytest.approx(0.5)
+    quantiles = [metrics[f"speed_{name}"] for name in ("p10", "p50", "p90")]
     assert quantiles == pytest.approx([0.1, 0.5, 0.9])
-    assert figures["lift_p10"] == pytest.approx(-0.9)
+    assert metrics["lift_p10"] == pytest.approx(-0.9)
     none = Behaviour(speed, -speed, torch.zeros(12, 34), speed > -1.0, THRESHOLDS).distribution()
     assert set(none.values()) == {0.0}
 
 
 def test_a_policy_that_stands_still_is_said_to_stand(coverage, still):
-    figures = coverage.measure(still)
-    assert figures["coverage_stand"] == 1.0
-    assert figures["coverage_speed_p90"] < 0.05
-    assert abs(figures["coverage_lift"]) < 0.02
-    assert figures["coverage_clips"] == 0.0
-    assert figures["coverage_spread"] == pytest.approx(0.0, abs=1e-4)
+    metrics = coverage.measure(still)
+    assert metrics["coverage_stand"] == 1.0
+    assert metrics["coverage_speed_p90"] < 0.05
+    assert abs(metrics["coverage_lift"]) < 0.02
+    assert metrics["coverage_clips"] == 0.0
+    assert metrics["coverage_spread"] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_clips_are_counted_by_the_same_rules(coverage, solo12, motions):
@@ -99,13 +99,13 @@ def test_a_measured_training_is_the_one_it_would_have_been(solo12, motions):
     for every in (0, 1):
         config = replace(smoke(), samples=128 * 2, coverage_every=every, coverage_latents=2)
         trainer = LowTrainer(solo12, motions, config, seed=0, device="cpu")
-        figures = [trainer.iterate(step / 2) for step in range(2)]
-        outcomes.append((figures, trainer.algorithm.actor.state_dict(), torch.get_rng_state()))
+        metrics = [trainer.iterate(step / 2) for step in range(2)]
+        outcomes.append((metrics, trainer.algorithm.actor.state_dict(), torch.get_rng_state()))
     (plain, weights, draw), (measured, same_weights, same_draw) = outcomes
     assert all(torch.equal(weights[name], same_weights[name]) for name in weights)
     assert torch.equal(draw, same_draw)
-    assert ["coverage_walk" in figures for figures in plain] == [False, True]
-    assert ["coverage_walk" in figures for figures in measured] == [True] * 2
+    assert ["coverage_walk" in metrics for metrics in plain] == [False, True]
+    assert ["coverage_walk" in metrics for metrics in measured] == [True] * 2
     assert {k: v for k, v in measured[0].items() if k in plain[0]} == plain[0]
 
 

@@ -18,8 +18,8 @@ def test_both_robots_learn_both_tasks(robot, task):
     trainer = ExpertTrainer(robot, task, smoke_expert(), seed=0, device="cpu")
     before = [parameter.clone() for parameter in trainer.algorithm.actor.parameters()]
     for iteration in range(2):
-        figures = trainer.iterate(iteration / 2)
-    numbers = [value for value in figures.values() if value is not None]
+        metrics = trainer.iterate(iteration / 2)
+    numbers = [value for value in metrics.values() if value is not None]
     assert all(torch.isfinite(torch.tensor(value)) for value in numbers)
     after = trainer.policy().actor.parameters()
     assert any(not torch.equal(old, new) for old, new in zip(before, after, strict=True))
@@ -42,10 +42,10 @@ def test_rewards_are_scaled_and_constraints_reach_the_learner(solo12):
     trainer.env.step = lambda action: replace(
         step(action), reward=torch.full((16,), 0.01), violations=violations
     )
-    figures = trainer.iterate(1.0)
+    metrics = trainer.iterate(1.0)
     worst = max(constraint.max_p for constraint in trainer.task.constraints)
     assert torch.allclose(trainer.algorithm.delta, torch.tensor(worst))
     paid = trainer.config.reward_scale * 0.01
     assert torch.allclose(trainer.algorithm.storage.rewards, torch.tensor(paid))
-    assert figures["reward"] == pytest.approx(0.01, rel=1e-5)
-    assert figures["delta"] == pytest.approx(worst, rel=1e-5)
+    assert metrics["reward"] == pytest.approx(0.01, rel=1e-5)
+    assert metrics["delta"] == pytest.approx(worst, rel=1e-5)

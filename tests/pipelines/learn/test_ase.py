@@ -73,15 +73,15 @@ def test_a_rollout_is_learned_from_with_either_discriminator(make_ase, discrimin
     ase = make_ase(discriminator=discriminator)
     before = {k: v.clone() for k, v in ase.discriminator.state_dict().items()}
     ase.compute_returns(fill(ase))
-    figures = ase.update()
+    metrics = ase.update()
     assert {
         "imitation_reward",
         "encoder_cosine",
         "discriminator",
         "encoder",
         "agent_accuracy",
-    } <= set(figures)
-    assert all(math.isfinite(value) for value in figures.values())
+    } <= set(metrics)
+    assert all(math.isfinite(value) for value in metrics.values())
     after = ase.discriminator.state_dict()
     assert any(not torch.equal(before[name], after[name]) for name in before)
     assert ase.storage.step == 0, "ready for the next rollout"

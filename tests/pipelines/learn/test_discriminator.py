@@ -28,20 +28,20 @@ def test_reward_is_minus_log_of_one_minus_d_up_to_its_ceiling():
 
 def test_classification_by_hand():
     agent, demo = torch.tensor([0.0, math.log(3.0)]), torch.tensor([math.log(3.0)])
-    loss, figures = classification(agent, demo)
+    loss, metrics = classification(agent, demo)
     # -log(1 - D) is ln 2 and ln 4; -log D is ln(4 / 3).
     expected = 0.5 * (0.5 * (math.log(2) + math.log(4)) + math.log(4 / 3))
     assert float(loss) == pytest.approx(expected, rel=1e-5)
-    assert float(figures["agent_accuracy"]) == 0.0
-    assert float(figures["demo_accuracy"]) == 1.0
-    assert float(figures["agent_logit"]) == pytest.approx(math.log(3.0) / 2)
-    assert float(figures["margin"]) == pytest.approx(math.log(3.0) / 2)
+    assert float(metrics["agent_accuracy"]) == 0.0
+    assert float(metrics["demo_accuracy"]) == 1.0
+    assert float(metrics["agent_logit"]) == pytest.approx(math.log(3.0) / 2)
+    assert float(metrics["margin"]) == pytest.approx(math.log(3.0) / 2)
 
 
 def test_accuracy_counts_each_class_on_its_own_side():
-    _, figures = classification(torch.tensor([-1.0, -2.0, 3.0, -4.0]), torch.tensor([1.0, -1.0]))
-    assert float(figures["agent_accuracy"]) == 0.75
-    assert float(figures["demo_accuracy"]) == 0.5
+    _, metrics = classification(torch.tensor([-1.0, -2.0, 3.0, -4.0]), torch.tensor([1.0, -1.0]))
+    assert float(metrics["agent_accuracy"]) == 0.75
+    assert float(metrics["demo_accuracy"]) == 0.5
 
 
 def test_both_frames_share_one_set_of_statistics():

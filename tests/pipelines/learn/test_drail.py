@@ -107,9 +107,9 @@ def test_equal_draws_give_equal_logits():
 
 def test_loss_is_the_cross_entropy_of_its_logits():
     network = blind(make())
-    loss, figures = network.loss(torch.randn(8, 6), torch.randn(12, 6), generator())
+    loss, metrics = network.loss(torch.randn(8, 6), torch.randn(12, 6), generator())
     assert float(loss.detach()) == pytest.approx(0.5 * 2 * 0.6931472)
-    assert {"agent_accuracy", "demo_accuracy", "agent_logit", "demo_logit"} <= set(figures)
+    assert {"agent_accuracy", "demo_accuracy", "agent_logit", "demo_logit"} <= set(metrics)
 
 
 def test_every_weight_that_can_matter_learns():
@@ -133,6 +133,6 @@ def test_it_learns_to_tell_two_clouds_apart():
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    _, figures = network.loss(agent, demo, random)
-    assert float(figures["agent_accuracy"]) > 0.9
-    assert float(figures["demo_accuracy"]) > 0.9
+    _, metrics = network.loss(agent, demo, random)
+    assert float(metrics["agent_accuracy"]) > 0.9
+    assert float(metrics["demo_accuracy"]) > 0.9

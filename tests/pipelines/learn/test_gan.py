@@ -24,7 +24,7 @@ def data():
 def test_gradient_penalty_is_the_mean_squared_slope_on_demonstrations():
     """Against central differences."""
     network, (agent, demo) = make(), data()
-    _, figures = network.loss(agent, demo, generator())
+    _, metrics = network.loss(agent, demo, generator())
     step, slopes = 1e-5, []
     with torch.no_grad():
         for column in range(5):
@@ -36,15 +36,15 @@ def test_gradient_penalty_is_the_mean_squared_slope_on_demonstrations():
                 / (2 * step)
             )
     expected = torch.stack(slopes, dim=1).square().sum(dim=1).mean()
-    assert float(figures["gradient_penalty"]) == pytest.approx(float(expected), rel=1e-6)
+    assert float(metrics["gradient_penalty"]) == pytest.approx(float(expected), rel=1e-6)
 
 
 def test_loss_is_the_sum_of_its_parts():
     network, (agent, demo) = make(gradient_penalty=5.0, logit_decay=0.01), data()
-    loss, figures = network.loss(agent, demo, generator())
+    loss, metrics = network.loss(agent, demo, generator())
     bce, _ = classification(network.logits(agent, generator()), network.logits(demo, generator()))
     decay = network.mlp[-1].weight.square().sum()
-    expected = bce + 5.0 * figures["gradient_penalty"] + 0.01 * decay
+    expected = bce + 5.0 * metrics["gradient_penalty"] + 0.01 * decay
     assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=1e-9)
 
 

@@ -70,10 +70,10 @@ def test_bold_steps_pull_as_a_wider_gaussian_would(make_ppo, observe):
         torch.manual_seed(3)
         ppo.compute_returns(fill(ppo, observe, rewards=1.0))
         ppo.storage.advantages[0, :, 0] = torch.tensor([0.5, 1.0, -0.5, -1.0])
-        loss, figures = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
+        loss, metrics = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
         loss.backward()
         gradients.append([p.grad.clone() for p in ppo.actor.parameters() if p.grad is not None])
-        assert float(figures["kl"]) == pytest.approx(0.0, abs=1e-6)
+        assert float(metrics["kl"]) == pytest.approx(0.0, abs=1e-6)
     for plain, bold in zip(*gradients, strict=True):
         assert torch.allclose(plain, bold, atol=1e-5)
     assert max(float(g.abs().max()) for g in gradients[0]) > 0
@@ -193,10 +193,10 @@ def test_the_surrogate_is_clipped(make_ppo, observe):
     )[:, None]
     gains = torch.tensor([1.0, 1.0, -1.0, -1.0])
     ppo.storage.advantages[0, :, 0] = gains
-    _, figures = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
+    _, metrics = ppo._loss(next(iter(ppo.storage.mini_batch_generator(1, 1))))
     # ratios 1, 1.5, 1.5, 0.5
     expected = -(1.0 + 1.2 - 1.5 - 0.8) / 4
-    assert float(figures["surrogate"].detach()) == pytest.approx(expected, rel=1e-4)
+    assert float(metrics["surrogate"].detach()) == pytest.approx(expected, rel=1e-4)
 
 
 def test_learning_rate_follows_the_kl(make_ppo, observe):
@@ -235,10 +235,10 @@ def test_a_critic_may_learn_alone(make_ppo, observe):
     for learns in (False, True):
         ppo.actor_learns = learns
         ppo.compute_returns(fill(ppo, observe, rewards=1.0))
-        figures = ppo.update()
+        metrics = ppo.update()
         same = [torch.equal(a, b) for a, b in zip(before, ppo.actor.mlp.parameters(), strict=True)]
         assert all(same) is not learns
-        assert ("kl" in figures) is learns
+        assert ("kl" in metrics) is learns
         assert not any(
             torch.equal(a, b) for a, b in zip(critic, ppo.critic.mlp.parameters(), strict=True)
         )
@@ -285,8 +285,8 @@ def test_it_learns_what_to_do_and_what_it_is_worth(make_ppo):
             ppo.record(reward, ends, ~ends, obs)
             rewards.append(float(reward.mean()))
         ppo.compute_returns(obs)
-        figures = ppo.update()
+        metrics = ppo.update()
     noise = 2 * 0.3**2
     assert sum(rewards[:4]) / 4 < -0.6
     assert sum(rewards[-4:]) / 4 > -noise - 0.06
-    assert set(figures) >= {"surrogate", "value", "kl", "learning_rate", "explained_variance"}
+    assert set(metrics) >= {"surrogate", "value", "kl", "learning_rate", "explained_variance"}

@@ -15,7 +15,7 @@ from lacoloco.pipelines.train_low import smoke
 CLIPS = {"clips_walk": 0.5, "clips_reach": 0.3, "clips_stand": 0.2}
 
 
-def figures(
+def metrics(
     walk: float, reach: float, stand: float, fall: float, steered: float
 ) -> dict[str, float]:
     shares = {"walk": walk, "reach": reach, "stand": stand, "fall": fall}
@@ -27,11 +27,11 @@ def figures(
 
 
 def test_the_clips_own_shares_without_a_fall_score_zero():
-    assert score(figures(0.5, 0.3, 0.2, 0.0, 0.0)) == pytest.approx(0.0)
-    assert score(figures(1.0, 0.0, 0.0, 0.0, 0.0)) == pytest.approx(0.5), (
+    assert score(metrics(0.5, 0.3, 0.2, 0.0, 0.0)) == pytest.approx(0.0)
+    assert score(metrics(1.0, 0.0, 0.0, 0.0, 0.0)) == pytest.approx(0.5), (
         "half of the latents do something else"
     )
-    assert score(figures(0.5, 0.3, 0.2, 0.0, 0.05)) == pytest.approx(0.2)
+    assert score(metrics(0.5, 0.3, 0.2, 0.0, 0.05)) == pytest.approx(0.2)
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def examined(trainer: LowTrainer, values: list[float]) -> list[dict[str, float]]
     for number, value in enumerate(values):
         with torch.no_grad():
             weight.flatten()[0] = number
-        trainer.selection.measure = lambda actor, value=value: figures(
+        trainer.selection.measure = lambda actor, value=value: metrics(
             0.5 + value, 0.3 - value, 0.2, 0.0, 0.0
         )
         seen.append(trainer.selection.examine(trainer.algorithm.actor, 100 * number))

@@ -14,8 +14,8 @@ from lacoloco.pipelines.plots.panels import PANELS
 ITERATIONS = 60
 
 
-def row(name, index, **figures):
-    return {"training": name, "samples": 1000 * (index + 1), **figures}
+def row(name, index, **metrics):
+    return {"training": name, "samples": 1000 * (index + 1), **metrics}
 
 
 def low(name):
@@ -63,7 +63,7 @@ def test_complete_and_unfinished_trainings_are_read_up_to_a_line_cut_short(store
         ("train-high", "0001 (unfinished) drail-cat seed 1", 5),
         ("train-low", "0001 drail-cat seed 0", ITERATIONS),
     ]
-    walk = found[1].figures["coverage_walk"]
+    walk = found[1].metrics["coverage_walk"]
     assert np.flatnonzero(np.isfinite(walk)).tolist() == [19, 59]
 
 

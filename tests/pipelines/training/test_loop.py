@@ -56,8 +56,8 @@ class Watching(Silent):
     def start(self, description, total):
         self.calls.append(("start", description, total))
 
-    def advance(self, done, **figures):
-        self.calls.append(("advance", done, figures))
+    def advance(self, done, **metrics):
+        self.calls.append(("advance", done, metrics))
 
     def say(self, line):
         self.calls.append(("say", line))
@@ -78,14 +78,14 @@ def lines(directory):
 def test_every_iteration_is_logged_and_shown(tmp_path, context):
     progress = Watching()
     context = replace(context, progress=progress)
-    figures = train(Walk(), 3, tmp_path, context, "a walk", shown=("sum", "absent"))
+    metrics = train(Walk(), 3, tmp_path, context, "a walk", shown=("sum", "absent"))
     logged = lines(tmp_path)
     assert [line["samples"] for line in logged] == [10, 20, 30]
     assert [line["training"] for line in logged] == ["a walk"] * 3
     assert [line["count"] for line in logged] == [1.0, 2.0, 3.0]
-    assert figures["samples"] == 30
-    assert figures["sum"] == logged[-1]["sum"]
-    assert figures["samples_per_second"] > 0
+    assert metrics["samples"] == 30
+    assert metrics["sum"] == logged[-1]["sum"]
+    assert metrics["samples_per_second"] > 0
     assert progress.calls[0] == ("start", "a walk", 30)
     assert progress.calls[2] == ("advance", 20, {"sum": logged[1]["sum"]})
     assert progress.calls[-1] == ("stop",)
@@ -114,8 +114,8 @@ def test_an_interrupted_training_goes_on_as_if_nothing_had_been(tmp_path, contex
 
     torch.manual_seed(99)
     second = Walk()
-    figures = train(second, 6, tmp_path, context, "walk")
-    assert figures["sum"] == expected["sum"]
+    metrics = train(second, 6, tmp_path, context, "walk")
+    assert metrics["sum"] == expected["sum"]
     assert torch.equal(second.total, whole.total)
     assert second.seen == whole.seen
     assert [line["samples"] for line in lines(tmp_path)] == [10, 20, 30, 40, 50, 60]
@@ -177,23 +177,23 @@ def test_warnings_are_said_once_and_those_that_hold_at_the_end_are_returned(tmp_
 
     progress = Watching()
     context = replace(context, progress=progress)
-    figures = train(Walk(), 4, tmp_path, context, "walk", warn=warn)
+    metrics = train(Walk(), 4, tmp_path, context, "walk", warn=warn)
     said = [call[1] for call in progress.calls if call[0] == "say"]
     assert said == ["WARNING: first: after 2", "WARNING: second: after 2"]
-    assert figures["warnings"] == ["second: after 4"]
+    assert metrics["warnings"] == ["second: after 4"]
 
 
 def test_a_resumed_training_is_judged_by_its_whole_history(tmp_path, context):
     def count(history):
-        return [f"seen: {[figures['samples'] for figures in history]}"]
+        return [f"seen: {[metrics['samples'] for figures in history]}"]
 
     with pytest.raises(KeyboardInterrupt):
         train(Walk(interrupt_at=2), 3, tmp_path, context, "walk")
     train(Walk(), 1, tmp_path, context, "another")
-    figures = train(Walk(), 3, tmp_path, context, "walk", warn=count)
-    assert figures["warnings"] == ["seen: [10, 20, 30]"]
+    metrics = train(Walk(), 3, tmp_path, context, "walk", warn=count)
+    assert metrics["warnings"] == ["seen: [10, 20, 30]"]
     again = train(Walk(), 3, tmp_path, context, "walk", warn=count)
-    assert again["warnings"] == figures["warnings"], "also when nothing was left to train"
+    assert again["warnings"] == metrics["warnings"], "also when nothing was left to train"
 
 
 def test_ctrl_c_works_as_before_once_the_training_is_over(tmp_path, context):
@@ -258,7 +258,7 @@ def test_resumed_training_equals_an_uninterrupted_one_bit_for_bit(
     """Through the file: weights, optimisers, worlds, generators, counters."""
     make, iterations = make_trainer(kind), 4
     straight = make(0)
-    figures = train(straight, iterations, tmp_path, context, "straight")
+    metrics = train(straight, iterations, tmp_path, context, "straight")
 
     first = make(0)
     iterate, count = first.iterate, []
@@ -278,7 +278,7 @@ def test_resumed_training_equals_an_uninterrupted_one_bit_for_bit(
 
     timing = {"seconds", "samples_per_second"}
     assert {k: v for k, v in resumed.items() if k not in timing} == {
-        k: v for k, v in figures.items() if k not in timing
+        k: v for k, v in metrics.items() if k not in timing
     }
     for name, ours, theirs in zip_states(second, straight):
         assert torch.equal(ours, theirs), name

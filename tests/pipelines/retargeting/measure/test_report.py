@@ -27,22 +27,22 @@ def standing():
 
 
 def test_figures_are_complete_and_right(standing):
-    figures = standing().figures()
-    assert figures["scale"] == 0.7
-    assert figures["keypoint_error_p95_m"] == pytest.approx(0.01)
-    assert figures["base_height_mean_m"] == figures["animal_height_mean_m"] == pytest.approx(0.3)
-    assert figures["base_speed_mean_m_s"] == 0.0
-    assert 0 < figures["torque_share_p95"] <= figures["torque_share_peak"] < 0.3
-    assert figures["torque_limit_hits"] == 0
-    assert figures["missing_force_p95"] < 0.01
-    assert figures["contact_agreement"] == 1.0
+    metrics = standing().metrics()
+    assert metrics["scale"] == 0.7
+    assert metrics["keypoint_error_p95_m"] == pytest.approx(0.01)
+    assert metrics["base_height_mean_m"] == metrics["animal_height_mean_m"] == pytest.approx(0.3)
+    assert metrics["base_speed_mean_m_s"] == 0.0
+    assert 0 < metrics["torque_share_p95"] <= metrics["torque_share_peak"] < 0.3
+    assert metrics["torque_limit_hits"] == 0
+    assert metrics["missing_force_p95"] < 0.01
+    assert metrics["contact_agreement"] == 1.0
 
 
 @pytest.mark.parametrize(("frames", "contacts"), [(20, True), (20, False), (2, True)])
 def test_the_picture_is_a_png(standing, tmp_path, frames, contacts):
     assessment = standing(frames, contacts)
-    figures = {"name": "dog", "frames": frames, **assessment.figures(), "solver_failures": 0}
+    metrics = {"name": "dog", "frames": frames, **assessment.metrics(), "solver_failures": 0}
     path = tmp_path / "report.png"
-    write_report(path, assessment, figures)
+    write_report(path, assessment, metrics)
     assert path.read_bytes().startswith(b"\x89PNG")
     assert path.stat().st_size > 20_000
