@@ -12,9 +12,11 @@ from typing import Annotated, Any, Literal
 import typer
 
 from lacoloco_cli import console
+from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import AT_ONCE, Seeds
 from lacoloco_cli.policy_choice import missing, train_missing, trained
 from lacoloco_cli.session import Session, path_text, verb
+from lacoloco_cli.written_files import check_output
 
 app = typer.Typer()
 
@@ -33,6 +35,18 @@ COLUMNS = {
     "success_30cm_pct": "within 30 cm %",
 }
 """Key of a row -> heading."""
+SHIFT_COLUMNS = {
+    "name": "name",
+    "episodes": "episodes",
+    "success_5cm_pct": "within 5 cm %",
+    "success_30cm_pct": "within 30 cm %",
+    "ee_error_median_m": "median m",
+    "ee_error_mean_m": "error m",
+    "falls_pct": "falls %",
+    "contact_violation_pct": "violation %",
+    "contact_violation_original_pct": "as the original %",
+}
+"""The same for a row of the hardware shift."""
 REWARD_COLUMNS = {
     "method": "method",
     "seed": "seed",
@@ -66,6 +80,17 @@ def evaluate(
             help="Which episodes: those of development, or fresh ones that nothing was tuned on.",
         ),
     ] = None,
+    shift: Annotated[
+        Literal["hardware"] | None,
+        typer.Option(
+            "--shift",
+            help="Play the same episodes again with one thing at a time as on a real robot.",
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE", help="Draw the shift: a .png, .pdf or .svg."),
+    ] = None,
     seeds: Seeds = 1,
     fill: Annotated[
         bool, typer.Option("--train-missing", help="Train the seeds that are not there yet.")
@@ -80,18 +105,39 @@ def evaluate(
         config = replace(config, episodes=episodes)
     if protocol is not None:
         config = replace(config, protocol=protocol)
+    if shift is not None:
+        config = replace(config, shift=shift)
+    place = figure_place(session, figure, config.shift)
     coverage: dict[str, Any] = {}
     if policy is None:
         policy, coverage = policies_of_run(session, seeds, fill)
     policy = [resolve(one) for one in policy]
     result = stage.run(config, session.context(), policies=policy)
     answer = {"artifact": path_text(result.artifact), **result.metrics, **coverage}
+    if place is not None and figure is not None:
+        from lacoloco.pipelines.plots.shift import draw_shift
+
+        draw_shift(place, result.metrics["shift"])
+        answer["figure"] = path_text(figure)
     session.answer(answer, lambda: show(answer))
     if coverage.get("train_missing"):
         console.note(
             f"WARNING: {coverage['seeds_found']} of {coverage['seeds_asked']} seeds are trained; "
             f"train the rest with: {coverage['train_missing']}"
         )
+
+
+def figure_place(session: Session, figure: Path | None, shift: str) -> Path | None:
+    """Where the picture goes, before the work.
+
+    Raises:
+        UserError: There will be nothing to draw, or something would be lost there.
+    """
+    if figure is None:
+        return None
+    if not shift:
+        raise UserError("--figure draws the table of --shift; give both")
+    return check_output("--figure", figure, figure.suffix.removeprefix("."), session.store.root)
 
 
 def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path], dict[str, Any]]:
@@ -143,6 +189,8 @@ def show(answer: Mapping[str, Any]) -> None:
             )
         for cluster in row["failure_clusters"]:
             typer.echo(f"{who}, {describe(cluster)}")
+    if "shift" in answer:
+        show_shift(answer["shift"])
     for method, spread in answer["summary"].items():
         if spread["seeds"] > 1:
             measured = (
@@ -159,6 +207,12 @@ def show(answer: Mapping[str, Any]) -> None:
     if len(rows) > 1:
         typer.echo(f"best on other episodes: {best['method']} seed {best['seed']}")
     typer.echo(f"artifact: {answer['artifact']}")
+
+
+def show_shift(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print a line per row of the hardware shift."""
+    cells = [[row[key] for key in SHIFT_COLUMNS] for row in rows]
+    console.print_table(list(SHIFT_COLUMNS.values()), cells, title="hardware shift")
 
 
 def show_intervals(rows: Sequence[Mapping[str, Any]]) -> None:

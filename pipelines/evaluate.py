@@ -11,10 +11,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from lacoloco.datasets.artifact import Artifact, write_artifact
-from lacoloco.datasets.config_values import Rising, Within, Worlds, check_config
+from lacoloco.datasets.config_values import Length, Rising, Within, Worlds, check_config
 from lacoloco.datasets.hardware import describe_machine
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import METRICS, Episodes, play_episodes
+from lacoloco.pipelines.evaluation.hardware_shift import hardware_shift, rows_here
 from lacoloco.pipelines.evaluation.intervals import over_seeds
 from lacoloco.pipelines.evaluation.task_reward import task_reward
 from lacoloco.pipelines.policies import Policy, load_policies, task_of
@@ -51,6 +52,9 @@ class EvalConfig:
         friction: range of the friction instead of the task's; both ends equal for one value.
         mass_scale: the same of the factor on all masses.
         protocol: which episodes: those of development, or fresh ones that nothing was tuned on.
+        shift: "hardware" plays the reported episodes again, each time with one thing as on a real
+            robot, and in the end with everything at once.
+        shift_rows: only these rows of it; none named: all.
     """
 
     episodes: Annotated[int, Within(1, 10**7)] = 4096
@@ -59,6 +63,8 @@ class EvalConfig:
     friction: Annotated[tuple[float, float], Within(0, 1000, above=True), Rising()] | None = None
     mass_scale: Annotated[tuple[float, float], Within(0, 1000, above=True), Rising()] | None = None
     protocol: Literal["development", "fresh"] = "development"
+    shift: Literal["", "hardware"] = ""
+    shift_rows: Annotated[tuple[str, ...], Length(0, 100)] = ()
 
     def randomisation(self, usual: Randomisation) -> Randomisation:
         """The task's, with the ranges given here."""
@@ -81,9 +87,10 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
     Raises:
         ArtifactError: an input is missing, damaged, or holds no high level.
         ConfigError: a value that its field does not allow.
-        StageError: policies of tasks that cannot be compared.
+        StageError: policies of tasks that cannot be compared, or a shift that cannot be played.
     """
     check_config(config)
+    _check_shift(config, context, policies)
     directory = context.store.begin(context.run, "eval")
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
@@ -113,6 +120,8 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
     best = min(rows, key=_selection)
     metadata: dict[str, Any] = {"rows": rows, "best": best, "summary": summary(rows)}
     metadata["protocol"] = config.protocol
+    if config.shift:
+        metadata["shift"] = _shift(config, context, spec, loaded, task)
     robot = record_of(spec)
     write_artifact(
         directory.file("artifact.h5"),
@@ -126,6 +135,38 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
         command=context.command,
     )
     return StageResult(directory.complete(), metadata)
+
+
+def _check_shift(config: EvalConfig, context: StageContext, policies: Sequence[Path]) -> None:
+    if not config.shift:
+        return
+    rows_here(config.shift_rows)
+    if len(policies) != 1:
+        raise StageError(f"shift={config.shift} is for one policy at a time; name it with --policy")
+    if context.device != "cpu":
+        raise StageError(f"--device {context.device}: shift={config.shift} runs on the CPU")
+
+
+def _shift(
+    config: EvalConfig,
+    context: StageContext,
+    spec: RobotSpec,
+    policies: Mapping[str, Policy],
+    task: Task,
+) -> list[dict[str, Any]]:
+    """The table of the hardware shift, on the reported episodes."""
+    if not task.has_target:
+        raise StageError(f"shift={config.shift} counts distances; the policy's task has no target")
+    return hardware_shift(
+        spec,
+        policies,
+        task,
+        rows_here(config.shift_rows),
+        episodes=config.episodes,
+        worlds=config.worlds,
+        seed=PROTOCOLS[config.protocol][0],
+        progress=context.progress,
+    )
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from lacoloco.robots.errors import RobotError
@@ -29,6 +30,7 @@ def compile_scene(
     timestep: float = TIMESTEP,
     training_limits: bool = False,
     visual: bool = False,
+    change: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
     """A new model: robot + floor + position motors + contact sensors, compiled.
 
@@ -46,6 +48,7 @@ def compile_scene(
         timestep: Physics step, s.
         training_limits: Torque limits of training instead of those of the motors.
         visual: Keep the geoms that are only looked at (rendering; a little slower).
+        change: Changes the scene before it is compiled.
 
     Raises:
         RobotError: The MJCF lacks a body or joint the spec names.
@@ -58,6 +61,8 @@ def compile_scene(
     _set_contacts(spec, robot, contact_time(timestep))
     _add_motors(spec, robot, training_limits)
     _add_sensors(spec, robot)
+    if change is not None:
+        change(spec)
     for key in spec.keys:
         key.ctrl = list(key.qpos)[7:]
     return spec.compile()

@@ -27,7 +27,14 @@ def make_physics(request: PhysicsRequest, device: str = "cpu") -> Physics:
     kind = device.split(":")[0]
     if kind not in engines:
         raise StageError(f"--device {device}: no physics engine for it; use --device cpu or cuda")
-    return engines["cuda" if _forced_to_warp() else kind](request, device)
+    disturbances = request.disturbances
+    engine = "cuda" if _forced_to_warp() or disturbances.engine == "warp" else kind
+    if engine == "cuda" and disturbances.of_physics:
+        raise StageError(
+            "disturbances of motors, floors, loads and readings run on MuJoCo's own engine only;"
+            f" use --device cpu without {ENGINE_VARIABLE}, and no other engine beside them"
+        )
+    return engines[engine](request, device)
 
 
 def _forced_to_warp() -> bool:
@@ -38,6 +45,10 @@ def _forced_to_warp() -> bool:
 
 
 def _batch(request: PhysicsRequest, device: str) -> Physics:
+    if request.disturbances.of_physics:
+        from lacoloco.pipelines.sim.disturbances.engine import DisturbedBatch
+
+        return DisturbedBatch(request)
     from lacoloco.pipelines.sim.mujoco_cpu import BatchPhysics
 
     return BatchPhysics(request)

@@ -9,7 +9,6 @@ reward can ever be taken from the wrong side of a reset (the original takes them
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -19,6 +18,7 @@ from lacoloco.pipelines.sim import state as layouts
 from lacoloco.pipelines.sim.commands import uniform
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS
 from lacoloco.pipelines.sim.contact_timer import FootTimer
+from lacoloco.pipelines.sim.disturbances.sensors import make_sensors
 from lacoloco.pipelines.sim.engines import make_physics
 from lacoloco.pipelines.sim.gait.clock import ASKED_SPEED
 from lacoloco.pipelines.sim.gait.guide import CLOCK_TERM, GaitGuide
@@ -27,6 +27,7 @@ from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters
 from lacoloco.pipelines.sim.randomisation import draw_parameters
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
+from lacoloco.pipelines.sim.step import Step
 from lacoloco.pipelines.sim.tasks import Task
 from lacoloco.robots.spec import RobotSpec
 
@@ -35,32 +36,6 @@ if TYPE_CHECKING:
 
 FALL_FORCE = 1.0
 """Newtons on a fall body that end an episode (the original's code)."""
-
-
-@dataclass(frozen=True)
-class Step:
-    """One control step of N worlds, before any reset.
-
-    Attributes:
-        frame: (N, 10 + 2J) clean style frame in which the step ended, before any push.
-        reward: (N,) task reward, already times 0.02 s.
-        fell: (N,) bool, the episode ended by a fall or a diverged world.
-        timed_out: (N,) bool, the episode reached its length without falling.
-        valid: (N,) bool, False where the physics diverged and the transition means nothing.
-        violations: constraint name -> (N, k) signed margins c (positive: violated).
-    """
-
-    frame: torch.Tensor
-    reward: torch.Tensor
-    fell: torch.Tensor
-    timed_out: torch.Tensor
-    valid: torch.Tensor
-    violations: dict[str, torch.Tensor]
-
-    @property
-    def done(self) -> torch.Tensor:
-        """(N,) bool, worlds to reset."""
-        return self.fell | self.timed_out
 
 
 class LeggedEnv:
@@ -81,7 +56,8 @@ class LeggedEnv:
     ) -> None:
         """Build the worlds, draw their parameters and start every episode."""
         self.spec, self.task, self.num_worlds, self.motions = spec, task, num_worlds, motions
-        request = PhysicsRequest(spec, num_worlds, task.training_limits)
+        limits, disturbed = task.training_limits, task.disturbances
+        request = PhysicsRequest(spec, num_worlds, limits, disturbances=disturbed, seed=seed)
         self.physics = physics or make_physics(request, device)
         self.device = self.physics.device
         self.generator = torch.Generator(self.device).manual_seed(seed)
@@ -117,6 +93,7 @@ class LeggedEnv:
         )
         self.physics.set_parameters(self.parameters)
         self._end_effector: torch.Tensor | None = None
+        self.sensors = make_sensors(disturbed, self.physics, self._noise, seed)
         self._read()
         self.reset(torch.ones(num_worlds, dtype=torch.bool, device=self.device))
 
@@ -155,6 +132,8 @@ class LeggedEnv:
             applied = torch.where(instead.isnan(), applied, instead)
         self.physics.step(applied)
         self._read()
+        if self.sensors is not None:
+            self.sensors.update()
         if self.guide is not None:
             self.guide.update(self.state, self.physics.qpos)
         self.steps += 1
@@ -190,13 +169,15 @@ class LeggedEnv:
         """(N, width of ``terms``) the policy's view: style frame, last action, command; with the
         task's noise.
         """
-        parts = [style_frame(self.state), self.action]
+        seen = self.state if self.sensors is None else self.sensors.reading(self.state)
+        parts = [style_frame(seen), self.action]
         if self.task.command is not None:
-            parts.append(self.task.command.observe(self.command, self.state))
+            parts.append(self.task.command.observe(self.command, seen))
         clean = torch.cat(parts, dim=-1)
         if self.task.noise != 0.0:
             spread = self._uniform(*clean.shape) * 2.0 - 1.0
             clean = clean + spread * (self._noise * self.noise)
+        clean = clean if self.sensors is None else self.sensors.look(clean)
         return clean if self.guide is None else self.guide.observe(clean)
 
     def reset(self, mask: torch.Tensor) -> None:
@@ -215,7 +196,7 @@ class LeggedEnv:
                 ):
                     put(target, chosen, value)
         self.physics.reset(worlds, qpos, qvel)
-        self._read()
+        self._read(worlds)
         put(self.steps, worlds, 0)
         self.action = self.action.masked_fill(mask[:, None], 0.0)
         self.feet.reset(worlds)
@@ -235,7 +216,7 @@ class LeggedEnv:
         last actions (K, J).
         """
         self.physics.reset(worlds, qpos, qvel)
-        self._read()
+        self._read(worlds)
         if self.guide is not None:
             self.guide.settle(worlds, self.state, self.physics.qpos)
         self.action = self.action.clone()
@@ -310,6 +291,7 @@ class LeggedEnv:
             "feet": self.feet.state_dict(),
             "diverged_total": self.diverged_total,
             **({} if self.guide is None else {"guide": self.guide.state_dict()}),
+            **({} if self.sensors is None else {"sensors": self.sensors.state_dict()}),
             **tensors,
         }
 
@@ -326,6 +308,8 @@ class LeggedEnv:
             setattr(self, key, state[key].to(self.device))
         if self.guide is not None:
             self.guide.load_state_dict(state["guide"])
+        if self.sensors is not None:
+            self.sensors.load_state_dict(state["sensors"])
         self._read()
 
     def _own_terms(self) -> tuple[Term, ...]:
@@ -345,12 +329,14 @@ class LeggedEnv:
             return
         start = guide.walking_start(walking, self.physics.qpos, self.command)
         self.physics.reset(walking, *start)
-        self._read()
+        self._read(walking)
         guide.settle(walking, self.state, self.physics.qpos)
 
-    def _read(self) -> None:
+    def _read(self, restarted: torch.Tensor | None = None) -> None:
         self.state = RobotState.from_generalized(self.physics.qpos, self.physics.qvel)
         self._end_effector = None
+        if self.sensors is not None and restarted is not None:
+            self.sensors.restart(restarted)
 
     def _reward(self) -> torch.Tensor:
         total = torch.zeros(self.num_worlds, device=self.device)

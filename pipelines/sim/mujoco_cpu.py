@@ -34,9 +34,9 @@ class BatchPhysics:
         """Compile the robot and allocate the worlds, all in the model's default state."""
         spec, self.num_worlds = request.spec, request.num_worlds
         self.device = torch.device("cpu")
-        self.model = compile_scene(
-            spec, timestep=PHYSICS_DT, training_limits=request.training_limits
-        )
+        self.substeps, self.timestep = SUBSTEPS, PHYSICS_DT
+        self.contact_time = contact_time(PHYSICS_DT)
+        self.model = self._compile(request)
         self.monitored = monitored_bodies(spec)
         self._batch = Batch(self.model, self.num_worlds, nthread=request.threads or _own_threads())
         self._qpos, self._qvel, self._ctrl = (
@@ -51,6 +51,11 @@ class BatchPhysics:
         self.step(torch.zeros(self.num_worlds, self.model.nu))
         self.reset(torch.arange(self.num_worlds), *self._default_state())
 
+    def _compile(self, request: PhysicsRequest) -> mujoco.MjModel:
+        return compile_scene(
+            request.spec, timestep=self.timestep, training_limits=request.training_limits
+        )
+
     def step(self, targets: torch.Tensor) -> None:
         """Hold joint targets (N, J) [rad] for one control step; see the contract."""
         self._ctrl[:] = targets.numpy()
@@ -58,21 +63,27 @@ class BatchPhysics:
         # A dict of (N, S, ...) arrays, one row per substep, written in place from the second call
         # on.
         self._record = self._batch.rollout(
-            SUBSTEPS, record=("sensordata", "actuator_force"), out=self._record
+            self.substeps, record=("sensordata", "actuator_force"), out=self._record
         )
-        sensors = self._record["sensordata"]
+        torques = self._record["actuator_force"][:, -1]
+        self._take(self._record["sensordata"], torques, due)
+
+    def _take(self, sensors: np.ndarray, torques: np.ndarray, due: np.ndarray) -> None:
+        """Refresh every attribute from the sensors (N, S, ...) of a control step, its last torques
+        (N, J), and the clocks (N,) that it should have ended with.
+        """
         self.foot_force = torch.from_numpy(_norms(sensors, self._feet)).float()
         self.body_force = torch.from_numpy(_norms(sensors, self._bodies).max(axis=1)).float()
-        self.torque = torch.from_numpy(self._record["actuator_force"][:, -1]).float()
+        self.torque = torch.from_numpy(torques).float()
         # A world that MuJoCo resets starts its clock again from zero, and one that warns of
         # anything, also of a target that is not a number, stops. The counters of warnings do not
         # tell: they are reset with their world.
-        self.diverged = torch.from_numpy(np.abs(self._time - due) > 0.5 * PHYSICS_DT)
+        self.diverged = torch.from_numpy(np.abs(self._time - due) > 0.5 * self.timestep)
         self._refresh()
 
     def reset(self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
         """Put ``worlds`` into the given states; see the contract."""
-        worlds, qpos, qvel = _numbered(worlds, qpos, qvel)
+        worlds, qpos, qvel = numbered(worlds, qpos, qvel)
         rows = worlds.numpy()
         if not len(rows):
             return
@@ -83,7 +94,7 @@ class BatchPhysics:
 
     def push(self, worlds: torch.Tensor, velocity: torch.Tensor) -> None:
         """Add root velocity to ``worlds``; see the contract."""
-        worlds, velocity = _numbered(worlds, velocity)
+        worlds, velocity = numbered(worlds, velocity)
         self._qvel[worlds.numpy(), :6] += velocity.numpy()
         self._refresh()
 
@@ -94,7 +105,7 @@ class BatchPhysics:
         friction = (parameters.friction[:, None] * parameters.foot_friction).numpy()
         feet, contact = self._foot_geoms, self._batch.expand("geom_solref")
         self._batch.expand("geom_friction")[:, feet, 0] = friction[:, self._foot_of_geom]
-        time = parameters.contact_time.double().numpy() * contact_time(PHYSICS_DT)
+        time = parameters.contact_time.double().numpy() * self.contact_time
         contact[:, feet, 0] = time[:, None]
         contact[:, feet, 1] = parameters.contact_damping.numpy()[:, None]
         self._batch.expand("body_mass")[:] = self.model.body_mass * scale
@@ -132,7 +143,7 @@ def _own_threads() -> int:
     return int(told) if told.isdecimal() else 0
 
 
-def _numbered(worlds: torch.Tensor, *values: torch.Tensor) -> tuple[torch.Tensor, ...]:
+def numbered(worlds: torch.Tensor, *values: torch.Tensor) -> tuple[torch.Tensor, ...]:
     """A mask (N,) with N rows of values each, as numbers (K,) with K rows; numbers stay as they
     are.
     """

@@ -12,6 +12,7 @@ from typing import Protocol
 
 import torch
 
+from lacoloco.pipelines.sim.disturbances.config import UNDISTURBED, Disturbances
 from lacoloco.robots.spec import RobotSpec
 
 CONTROL_DT = 0.02
@@ -111,12 +112,16 @@ class Physics(Protocol):
 
 @dataclass(frozen=True)
 class PhysicsRequest:
-    """What to simulate: a robot, how many worlds, and which torque limits the motors have."""
+    """What to simulate: a robot, how many worlds, which torque limits the motors have, and what is
+    not as in the model, drawn from ``seed``.
+    """
 
     spec: RobotSpec
     num_worlds: int
     training_limits: bool = True
     threads: int = 0
+    disturbances: Disturbances = UNDISTURBED
+    seed: int = 0
 
 
 def monitored_bodies(spec: RobotSpec) -> tuple[str, ...]:

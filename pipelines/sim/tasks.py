@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 from lacoloco.pipelines.sim.commands import COMMANDS, Command, TargetCommand
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Constraint
+from lacoloco.pipelines.sim.disturbances.config import UNDISTURBED, Disturbances
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import Randomisation
 from lacoloco.pipelines.sim.rewards import REWARDS, RewardTerm, parameters_of
@@ -81,6 +82,7 @@ class Task:
         fall_height: End it also when the base is lower than this [m].
         reset: How episodes start.
         randomisation: What differs between worlds.
+        disturbances: What differs from the usual simulation.
         gait: Guided by the robot's gait: see :class:`lacoloco.pipelines.sim.gait.guide.GaitGuide`.
         start_from: Task whose expert this one's begins as; "" for random networks.
         sample_factor: Factor on the samples that an expert is trained with: a harder task needs
@@ -102,6 +104,7 @@ class Task:
     fall_height: float | None = None
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
+    disturbances: Disturbances = UNDISTURBED
     gait: bool = False
     start_from: str = ""
     sample_factor: float = 1.0
@@ -144,6 +147,7 @@ class _TaskTable:
     fall_height: Length | None = None
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
+    disturbances: Disturbances = UNDISTURBED
     gait: bool = False
     start_from: str = ""
     sample_factor: Positive = 1.0
@@ -216,6 +220,7 @@ def read_task(spec: RobotSpec, name: str, values: object, place: Place) -> Task:
         fall_height=table.fall_height,
         reset=table.reset,
         randomisation=table.randomisation,
+        disturbances=table.disturbances,
         gait=table.gait,
         start_from=table.start_from,
         sample_factor=table.sample_factor,
