@@ -103,15 +103,16 @@ def test_learning_and_physics_stay_in_their_rooms(file):
     if folder == "pipelines/learn":
         reach = ("lacoloco.pipelines.sim", "lacoloco.datasets.artifact", "h5py", "mujoco")
         assert imported(file, *reach) == []
-    if file.parts[0] == "pipelines" and folder != "pipelines/sim":
+    physics = ("pipelines/sim", "pipelines/sim/disturbances")
+    if file.parts[0] == "pipelines" and folder not in physics:
         assert imported(file, "mujoco.batch", "mujoco_warp") == []
     if folder not in (
-        "pipelines/sim",
+        *physics,
         "pipelines/sim/gait",
         "pipelines/viewing",
     ):  # a viewer reads the model's shapes
         assert file.parts[0] == "robots" or imported(file, "mujoco") == []
-    if folder == "pipelines/sim":
+    if folder in physics:
         stages = [f"lacoloco.pipelines.{name}" for name in stage_names()]
         assert imported(file, "torch.optim", "rsl_rl", *stages) == []
 
