@@ -20,6 +20,7 @@ from lacoloco.pipelines.evaluation.intervals import over_seeds
 from lacoloco.pipelines.evaluation.task_reward import task_reward
 from lacoloco.pipelines.policies import Policy, load_policies, task_of
 from lacoloco.pipelines.robot import record_of, robot_of
+from lacoloco.pipelines.sim.disturbances.config import UNDISTURBED
 from lacoloco.pipelines.sim.randomisation import Randomisation
 from lacoloco.pipelines.sim.tasks import Task
 from lacoloco.pipelines.stage import StageContext, StageResult
@@ -101,7 +102,9 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
             f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes
         )
         task = task_of(artifact, spec)
-        task = replace(task, randomisation=config.randomisation(task.randomisation))
+        # As noise, disturbances that a policy was trained with are off in evaluation.
+        usual = config.randomisation(task.randomisation)
+        task = replace(task, randomisation=usual, disturbances=UNDISTURBED)
         if not task.has_target:
             rows.append(_reward_row(artifact, path, spec, task, loaded, config, context))
             context.progress.stop()

@@ -11,6 +11,7 @@ import torch
 from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule, project
 from lacoloco.pipelines.policies import load_policies, task_of
 from lacoloco.pipelines.robot import robot_of
+from lacoloco.pipelines.sim.disturbances.config import UNDISTURBED
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
@@ -119,7 +120,11 @@ def record_reach(
     artifact, policies = load_policies(policy, "low", "high")
     spec = robot_of(artifact)
     task = replace(
-        task_of(artifact, spec), noise=0.0, training_limits=False, randomisation=NO_RANDOMISATION
+        task_of(artifact, spec),
+        noise=0.0,
+        training_limits=False,
+        randomisation=NO_RANDOMISATION,
+        disturbances=UNDISTURBED,
     )
     env = LatentSteeredEnv(
         LeggedEnv(spec, task, episodes, seed=seed),

@@ -11,6 +11,8 @@ from lacoloco.datasets.errors import ConfigError
 from lacoloco.datasets.robot_record import RobotRecord
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import evaluate
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.evaluation import hardware_shift
 from lacoloco.pipelines.evaluation.episodes import Episodes
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.sim.tasks import load_task
@@ -107,6 +109,21 @@ def test_no_process_of_a_training_has_the_seed_of_an_evaluation(monkeypatch):
     for rank in range(4096):
         monkeypatch.setattr(parallel, "rank", lambda rank=rank: rank)
         assert all(abs(parallel.own_seed(0) - seed) > 1000 for seed in used)
+
+
+def test_the_shift_plays_the_reported_episodes_again(context, two_seeds, monkeypatch):
+    monkeypatch.setattr(hardware_shift, "play_episodes", evaluate.play_episodes)
+    config = evaluate.EvalConfig(12, 6, 4, shift="hardware", shift_rows=("payload", "noise"))
+    result = evaluate.run(config, context, policies=two_seeds[0][:1])
+    first, second = result.metrics["shift"]
+    assert (first["name"], second["name"]) == ("noise", "payload")
+    keys = "episodes success_5cm_pct success_30cm_pct ee_error_median_m ee_error_mean_m falls_pct"
+    assert {*keys.split(), "contact_violation_pct", "name"} <= set(first)
+    assert first["ee_error_median_m"] == pytest.approx(0.1)
+    assert two_seeds[1].count((0, evaluate.TEST_SEED, 12)) == 3
+    assert read_artifact(result.artifact).metadata["shift"] == result.metrics["shift"]
+    with pytest.raises(StageError, match="one policy at a time"):
+        evaluate.run(config, context, policies=two_seeds[0])
 
 
 def test_mean_and_spread_stand_beside_the_best(context, two_seeds):

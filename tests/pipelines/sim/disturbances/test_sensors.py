@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -9,7 +10,8 @@ import torch
 from lacoloco.pipelines.sim.disturbances.config import Disturbances
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.state import style_frame
-from lacoloco.pipelines.sim.tasks import load_task
+from lacoloco.pipelines.sim.tasks import load_task, task_from_text
+from lacoloco.robots.errors import RobotError
 
 CLEAN = {"noise": 0.0, "training_limits": False}
 
@@ -54,6 +56,15 @@ def test_a_filter_lags_and_a_dropout_holds(solo12):
     still = seen[1:, :, 0] == seen[:-1, :, 0]
     assert float(still.float().mean()) == pytest.approx(0.19, abs=0.04)  # 50 of 20 / 0.1 + 50 ms
     assert torch.allclose(seen[1:, :, 0][~still], real[1:, :, 0][~still], atol=1e-6)
+
+
+def test_a_task_s_table_takes_the_same_names(solo12):
+    reward = "rewards = [{ name = 'action_change', weight = -1.0 }]"
+    text = reward + "\n[disturbances]\naction_latency = 0.01\nsolver = 'pgs'\n"
+    task = task_from_text(solo12, text, Path("mine.toml"))
+    assert task.disturbances == Disturbances(action_latency=0.01, solver="pgs")
+    with pytest.raises(RobotError, match="mine.toml: disturbances.solver.*newton or pgs"):
+        task_from_text(solo12, text.replace("pgs", "cg"), Path("mine.toml"))
 
 
 def test_encoders_and_the_slope(solo12):
