@@ -19,6 +19,7 @@ import numpy as np
 
 from lacoloco.datasets import provenance
 from lacoloco.datasets.atomic_write import write_file
+from lacoloco.datasets.beside import ARTIFACT, PARTIAL, seal
 from lacoloco.datasets.envelope import DAMAGED, NUMBERS, RawHeader, pack, unpack
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.hashing import hash_arrays, hash_content
@@ -64,6 +65,8 @@ class Header:
     """Name -> text of the files in the robot's folder; empty in artifacts of before."""
     robot_folder: str = ""
     """Where that folder lay; "" for a robot that comes with lacoloco."""
+    files: dict[str, str] | None = None
+    """Name -> SHA-256 of the files beside it; None where they were not hashed."""
 
     @property
     def robot_record(self) -> RobotRecord:
@@ -94,6 +97,8 @@ def write_artifact(
     replace: bool = False,
 ) -> Path:
     """Write an artifact in one step: a killed writer leaves no half file.
+
+    That of an unfinished version keeps the hashes of the files beside it, so it is written last.
 
     Args:
         path: file to make; an existing one is refused.
@@ -131,6 +136,8 @@ def write_artifact(
         header["seed"] = int(seed)
     if robot is not None:
         header |= _robot_attributes(RobotRecord(*robot))
+    if path.name == ARTIFACT and path.parent.name.endswith(PARTIAL):
+        header["files"] = _to_json(seal(path.parent))
     header = {name: value for name, value in header.items() if value != b""}
     header["content_hash"] = hash_content(header, hash_arrays(checked)).encode()
     return write_file(path, pack(header, checked), replace=replace)
@@ -231,6 +238,7 @@ def _parse_header(path: Path, raw: RawHeader) -> Header:
             content_hash=text["content_hash"],
             robot_files=_texts(json.loads(text.get("robot_files", "{}"))),
             robot_folder=text.get("robot_folder", ""),
+            files=_texts(json.loads(text["files"])) if "files" in text else None,
         )
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ArtifactError(f"{path}: its header is {DAMAGED}") from error

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from lacoloco.datasets.errors import ArtifactError, storage_errors
 
-_TEMPORARY = ".writing-"
+TEMPORARY = ".writing-"
+"""Beginning of the names of files that are being written."""
 
 
 def write_file(path: Path, content: bytes, *, replace: bool = False) -> Path:
@@ -27,7 +28,7 @@ def write_file(path: Path, content: bytes, *, replace: bool = False) -> Path:
         ArtifactError: the name is taken, or the file system refuses (read-only, full...).
     """
     # Short, as the file's own name may be as long as the file system allows.
-    temporary = path.parent / f"{_TEMPORARY}{os.getpid()}-{secrets.token_hex(4)}"
+    temporary = path.parent / f"{TEMPORARY}{os.getpid()}-{secrets.token_hex(4)}"
     with storage_errors(path, "write"):
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not replace:
@@ -57,5 +58,5 @@ def sync_directory(directory: Path) -> None:
 
 def remove_leftovers(directory: Path) -> None:
     """Delete the temporary files that killed writers left in a directory."""
-    for leftover in directory.glob(f"{_TEMPORARY}*"):
+    for leftover in directory.glob(f"{TEMPORARY}*"):
         leftover.unlink(missing_ok=True)

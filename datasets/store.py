@@ -18,17 +18,14 @@ from pathlib import Path
 
 from lacoloco.datasets import locks
 from lacoloco.datasets.atomic_write import remove_leftovers, sync_directory, write_file
+from lacoloco.datasets.beside import ARTIFACT, LOCK, PARTIAL, working_files
 from lacoloco.datasets.errors import ArtifactError, storage_errors
-from lacoloco.datasets.work import FILE as WORK
 from lacoloco.datasets.work import Work, in_one_line
-
-ARTIFACT = "artifact.h5"
 
 _NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}")
 _COMPLETE = re.compile(r"(\d{4,})")
-_PARTIAL = re.compile(r"\.(\d{4,})(?:-(.+))?\.partial")
+_PARTIAL = re.compile(rf"\.(\d{{4,}})(?:-(.+))?\{PARTIAL}")
 _LAST = ".last"
-_LOCK = ".lock"
 _REMOVED = ".removed"
 _NUMBERING = ".numbering"
 """Locked while a partial directory is made, looked for, completed or removed."""
@@ -51,7 +48,9 @@ class StageDir:
         return self.path / name
 
     def complete(self) -> Path:
-        """Give the directory its final name in one step; nothing in it changes from then on.
+        """Give the directory its final name in one step; nothing made in it changes from then on.
+
+        What the work went on from (checkpoints, pieces) goes once the version is complete.
 
         Returns:
             Path of the artifact in its final place.
@@ -70,8 +69,7 @@ class StageDir:
             with _turn(self.final.parents[2]):  # nobody looks at the partial directory meanwhile
                 self.path.rename(self.final)
                 self.path = self.final
-                for name in (_LOCK, WORK):
-                    self.file(name).unlink(missing_ok=True)
+                remove_working(self.final)
             sync_directory(self.final.parent)
         self._release()
         return self.file(ARTIFACT)
@@ -94,18 +92,22 @@ class StageDir:
 
     def held(self) -> bool:
         """Whether another process works in the directory."""
-        lock = locks.take(self.file(_LOCK))
+        lock = locks.take(self.file(LOCK))
         if lock is not None:
             lock.close()
         return lock is None
 
     def _claim(self) -> bool:
         """Take the directory for this process; False while another process works in it."""
-        self._lock = locks.take(self.file(_LOCK))
+        self._lock = locks.take(self.file(LOCK))
         if self._lock is None:
             return False
         remove_leftovers(self.path)
         return True
+
+    def _reopen(self) -> None:
+        """Take away the artifact of a stage that was killed after it; its last step is repeated."""
+        self.file(ARTIFACT).unlink(missing_ok=True)
 
     def _release(self) -> None:
         if self._lock is not None:
@@ -203,6 +205,39 @@ class RunStore:
                 found.append(StageDir(path, path.with_name(match[1]), match[2] or ""))
         return sorted(found, key=lambda stage_dir: int(stage_dir.final.name))
 
+    def leftovers(self, run: str) -> list[Path]:
+        """What killed stages left of a run: unfinished versions, and what should have gone.
+
+        Versions that another process works on are not among them.
+        """
+        found: list[Path] = []
+        for stage in self.stages(run):
+            found += [one.path for one in self.partials(run, stage) if not one.held()]
+            for path in _list(self.directory(run, stage)):
+                if path.is_dir() and path.name.startswith(".") and path.suffix == _REMOVED:
+                    found.append(path)
+            for artifact in self.all(run, stage):
+                found += working_files(artifact.parent)
+        return found
+
+    def clean(self, path: Path) -> bool:
+        """Delete one of `leftovers`; False where another process took it meanwhile.
+
+        Raises:
+            ArtifactError: the file system refuses.
+        """
+        match = _PARTIAL.fullmatch(path.name)
+        if match:
+            stage_dir = StageDir(path, path.with_name(match[1]), match[2] or "")
+            with storage_errors(path, "delete"):
+                if not path.is_dir() or not stage_dir._claim():
+                    return False
+            stage_dir.discard()
+            return True
+        with storage_errors(path, "delete"):
+            _delete(path)
+        return True
+
     def begin(
         self,
         run: str,
@@ -213,6 +248,7 @@ class RunStore:
         resume: bool = False,
         version: str = "",
         or_begin: bool = False,
+        at_once: bool = False,
     ) -> StageDir:
         """Open a working directory for a stage.
 
@@ -225,6 +261,7 @@ class RunStore:
             resume: continue the newest unfinished version with this work instead of beginning one.
             version: with `resume`, the only version to continue, e.g. "0003".
             or_begin: with `resume`, begin one where none has this work.
+            at_once: the stage has nothing to go on with; what killed ones left of it is deleted.
 
         Raises:
             ArtifactError: nothing to resume, or only other work (the message tells the difference),
@@ -241,7 +278,12 @@ class RunStore:
                     found = self._resumed(run, stage, label, work, version, or_begin)
                     if found is not None:
                         return found
-                return self._begun(run, stage, label, work)
+                begun = self._begun(run, stage, label, work)
+
+            for left in self.partials(run, stage) if at_once else []:
+                if left.path != begun.path and left._claim():
+                    left.discard()
+            return begun
 
     def _begun(self, run: str, stage: str, label: str, work: Work | None) -> StageDir:
         directory = self.directory(run, stage)
@@ -249,7 +291,7 @@ class RunStore:
         taken += [int(p.name) for p in _list(directory) if _COMPLETE.fullmatch(p.name)]
         final = directory / f"{max(taken) + 1:04d}"
         stage_dir = StageDir(
-            directory / f".{final.name}{f'-{label}' if label else ''}.partial", final, label
+            directory / f".{final.name}{f'-{label}' if label else ''}{PARTIAL}", final, label
         )
         stage_dir.path.mkdir()
         stage_dir._claim()
@@ -274,6 +316,7 @@ class RunStore:
         same = [one for one in found if not other[one.final.name]]
         for stage_dir in reversed(same):
             if stage_dir._claim():
+                stage_dir._reopen()
                 return stage_dir
         unknown = [one for one in found if work is not None and Work.read(one.path) is None]
         busy = same or [one for one in (unknown if or_begin else found[-1:]) if one.held()]
@@ -307,6 +350,19 @@ def _other_work(stage_dir: StageDir, work: Work | None) -> list[str]:
     if begun is None:
         return ["it does not say what it was begun with"]
     return begun.differences(work)
+
+
+def remove_working(directory: Path) -> None:
+    """Delete what served an unfinished version, in the directory that it left complete."""
+    for path in working_files(directory):
+        _delete(path)
+
+
+def _delete(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def is_root(directory: Path) -> bool:

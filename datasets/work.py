@@ -15,12 +15,11 @@ from typing import Any
 
 from lacoloco.datasets.artifact import Header
 from lacoloco.datasets.atomic_write import write_file
+from lacoloco.datasets.beside import BEGUN
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.provenance import Parent
 from lacoloco.datasets.robot_record import RobotRecord
 
-FILE = ".begun.json"
-"""Hidden, and gone when the version is complete."""
 _MOST_SHOWN = 3
 
 
@@ -65,13 +64,13 @@ class Work:
             ArtifactError: the file system refuses.
         """
         content = json.dumps(dataclasses.asdict(self), default=_plain)
-        write_file(directory / FILE, content.encode())
+        write_file(directory / BEGUN, content.encode())
 
     @classmethod
     def read(cls, directory: Path) -> Work | None:
         """The work of an unfinished version; None where it was not kept or cannot be read."""
         try:
-            kept = json.loads((directory / FILE).read_text(encoding="utf-8"))
+            kept = json.loads((directory / BEGUN).read_text(encoding="utf-8"))
             inputs = kept["inputs"]
             return cls(
                 config=dict(kept["config"]),

@@ -43,7 +43,9 @@ def missing(found: Sequence[Trained], seeds: Sequence[int]) -> list[tuple[str, i
 
 
 def best(session: Session) -> Path:
-    """The policy that the run's newest evaluation chose; the newest when trained since.
+    """The policy that the run's newest evaluation chose; the newest if that was not among them.
+
+    Clocks go back, so times are not compared: an evaluation names the policies that it saw.
 
     Raises:
         ArtifactError: The run has no high-level policy.
@@ -53,9 +55,9 @@ def best(session: Session) -> Path:
     newest = session.store.newest(session.run_name, "train-high")
     for path in session.store.all(session.run_name, "eval")[-1:]:
         evaluation = read_header(path)
-        chosen = evaluation.metadata["rows"].index(evaluation.metadata["best"])
-        policy = evaluation.parents[chosen].locate(path)
-        if policy.is_file() and evaluation.created >= read_header(newest).created:
+        seen = [parent.locate(path) for parent in evaluation.parents]
+        policy = seen[evaluation.metadata["rows"].index(evaluation.metadata["best"])]
+        if policy.is_file() and newest.resolve() in (one.resolve() for one in seen):
             return policy
     return newest
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lacoloco_cli import console, plot, publish, report
+from lacoloco_cli import clean, console, plot, publish, report
 from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from lacoloco.datasets.store import RunStore
 
 app = typer.Typer(
-    no_args_is_help=True, help="List, show, plot, report, verify and publish what lies in runs/."
+    no_args_is_help=True,
+    help="List, show, plot, report, verify, clean and publish what lies in runs/.",
 )
+app.add_typer(clean.app)
 app.add_typer(plot.app)
 app.add_typer(publish.app)
 app.add_typer(report.app)
@@ -90,7 +92,10 @@ def show_run(session: Session, target: Shown = None) -> None:
 
 @verb(app, "verify", shared=READING)
 def verify_runs(session: Session, target: Verified = None) -> None:
-    """Read artifacts completely, compare every hash, and follow their lineage."""
+    """Read artifacts completely, compare every hash, and follow their lineage.
+
+    The files beside an artifact are compared, too; those without a hash are named.
+    """
     store = session.store
     runs = [target] if target else store.runs()
     paths = [path for run in runs for path in _artifacts(store, run, empty=target is None)]
@@ -103,7 +108,7 @@ def verify_runs(session: Session, target: Verified = None) -> None:
 
     def show() -> None:
         rows = [
-            ("ok" if r["intact"] else "BAD", path_text(Path(r["path"])), "; ".join(r["problems"]))
+            ("ok" if r["intact"] else "BAD", path_text(Path(r["path"])), "; ".join(_remarks(r)))
             for r in results
         ]
         console.print_table(["", "artifact", ""], rows)
@@ -175,19 +180,31 @@ def _ends_of_chains(paths: list[Path]) -> list[Path]:
 
 def _verify(path: Path) -> dict[str, Any]:
     from lacoloco.datasets.artifact import read_artifact
+    from lacoloco.datasets.beside import ARTIFACT, Compared, compare
     from lacoloco.datasets.errors import ArtifactError
     from lacoloco.datasets.lineage import lineage
 
     try:
-        read_artifact(path)
+        artifact = read_artifact(path)
+        beside = compare(path.parent, artifact.files) if path.name == ARTIFACT else Compared()
         lost = [a for a in lineage(path) if a.state != "ok"]
     except ArtifactError as error:
         reason = str(error).removeprefix(f"{path}: ")
-        return {"path": str(path), "intact": False, "problems": [reason]}
+        return {"path": str(path), "intact": False, "problems": [reason], "without_hash": []}
     # A source file may be gone, its hash is kept; one that differs is not what was used.
-    intact = all(a.state == "missing" for a in lost)
-    problems = [f"{path_text(a.path)} is {a.state}" for a in lost]
-    return {"path": str(path), "intact": intact, "problems": problems}
+    intact = all(a.state == "missing" for a in lost) and not (beside.missing or beside.changed)
+    problems = [f"{name} beside it is missing" for name in beside.missing]
+    problems += [f"{name} beside it does not match its hash" for name in beside.changed]
+    problems += [f"{path_text(a.path)} is {a.state}" for a in lost]
+    answer = {"path": str(path), "intact": intact, "problems": problems}
+    return answer | {"without_hash": list(beside.unknown)}
+
+
+def _remarks(result: dict[str, Any]) -> list[str]:
+    unknown = result["without_hash"]
+    more = f" and {len(unknown) - 3} more" if len(unknown) > 3 else ""
+    said = [f"no hash of {', '.join(unknown[:3])}{more}"] if unknown else []
+    return [*result["problems"], *said]
 
 
 def _describe(header: Header) -> dict[str, Any]:

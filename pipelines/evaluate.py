@@ -92,7 +92,7 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
     """
     check_config(config)
     _check_shift(config, context, policies)
-    directory = context.store.begin(context.run, "eval")
+    directory = context.store.begin(context.run, "eval", at_once=True)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
     for index, path in enumerate(policies):

@@ -82,7 +82,7 @@ def run(config: ExportConfig, context: StageContext, *, policy: Path) -> StageRe
     """
     artifact, policies = load_policies(policy, "low", "high")
     spec = robot_of(artifact, context.progress.say)
-    directory = context.store.begin(context.run, "export")
+    directory = context.store.begin(context.run, "export", at_once=True)
     recorded = record_reach(policy, seconds=config.recorded_seconds, episodes=4, seed=context.seed)
     observations = {"low": (recorded.low_obs, recorded.latent), "high": (recorded.high_obs,)}
     files, worst = {}, 0.0

@@ -26,7 +26,6 @@ from lacoloco.pipelines.generation.recorder import SKILLS, record
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.robot import belongs_to, record_of
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training.checkpoint import remove_checkpoints
 from lacoloco.pipelines.training.loop import train
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
@@ -190,5 +189,4 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
         parents=[],
         metrics=metrics,
     )
-    remove_checkpoints(directory.path)
     return directory.complete()

@@ -95,7 +95,7 @@ def run(
     spec = robot_of(artifact, context.progress.say)
     for recording in shown:
         recording.validate(spec.num_joints)
-    directory = context.store.begin(context.run, STAGE)
+    directory = context.store.begin(context.run, STAGE, at_once=True)
     page = build_page(spec, shown, f"{context.run}: {shown[0].name}")
     directory.file(PAGE).write_text(page, encoding="utf-8")
     arrays, metadata = recordings.to_arrays(shown)

@@ -222,7 +222,7 @@ def _finish(
     made: Sequence[tuple[Task, FinishedClip]],
     metrics: Mapping[str, Any],
 ) -> None:
-    """Put clips and pictures together; the files of single clips are in the way then."""
+    """Put clips and pictures together."""
     for _, finished in made:
         picture = picture_path(directory.path, finished.clip.name)
         if finished.picture is not None and finished.picture != picture:
@@ -241,4 +241,3 @@ def _finish(
         command=context.command,
         metadata={"metrics": dict(metrics)},
     )
-    shutil.rmtree(directory.file("pieces"), ignore_errors=True)

@@ -92,7 +92,7 @@ def run(
     )
     found = compare(played, nearest)
     shown = config.shown if config.shown >= 0 else found.typical()
-    directory = context.store.begin(context.run, STAGE)
+    directory = context.store.begin(context.run, STAGE, at_once=True)
     spec = robot_of(read_header(policy), context.progress.say)
     draw_switching(directory.file(PICTURE), found, played, shown, spec.feet)
     write_artifact(

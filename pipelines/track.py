@@ -24,7 +24,6 @@ from lacoloco.pipelines.tracking.recorder import record
 from lacoloco.pipelines.tracking.reference_clips import reference_clips
 from lacoloco.pipelines.tracking.rollout_plan import num_rollouts
 from lacoloco.pipelines.tracking.trainer import TrackerTrainer
-from lacoloco.pipelines.training.checkpoint import remove_checkpoints
 from lacoloco.pipelines.training.loop import train
 from lacoloco.robots.spec import RobotSpec
 
@@ -126,8 +125,10 @@ def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) 
     )
     segments, recorded = record(env, clips, policy, config.recording, seed=context.seed)
     metrics |= recorded
+    tracker = directory.file("tracker.h5")
+    tracker.unlink(missing_ok=True)  # of a call that was killed after it
     save_policies(
-        directory.file("tracker.h5"),
+        tracker,
         [policy],
         spec=spec,
         context=context,
@@ -145,7 +146,6 @@ def run(config: TrackConfig, context: StageContext, *, motions: Sequence[Path]) 
         command=context.command,
         metadata={"metrics": metrics},
     )
-    remove_checkpoints(directory.path)
     return StageResult(directory.complete(), metrics)
 
 

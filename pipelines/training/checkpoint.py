@@ -8,6 +8,7 @@ from typing import Any
 import torch
 
 from lacoloco.datasets.artifact import read_artifact, write_artifact
+from lacoloco.datasets.beside import CHECKPOINT as ENDING
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.pipelines.learn import parallel
@@ -27,18 +28,12 @@ OLD_PARTS = {"draw": "generator"}
 
 def checkpoint_path(directory: Path, description: str) -> Path:
     """Where a training's checkpoint lies in its stage's directory."""
-    return directory / f"{description.replace(' ', '-')}.checkpoint.h5"
+    return directory / f"{description.replace(' ', '-')}{ENDING}"
 
 
 def has_checkpoint(directory: Path) -> bool:
     """Whether a training in a stage's directory got as far as its first checkpoint."""
-    return any(directory.glob("*.checkpoint.h5"))
-
-
-def remove_checkpoints(directory: Path) -> None:
-    """Delete the checkpoints in a stage's directory, once its artifact holds what they were for."""
-    for path in directory.glob("*.checkpoint.h5"):
-        path.unlink()
+    return any(directory.glob(f"*{ENDING}"))
 
 
 def save_checkpoint(

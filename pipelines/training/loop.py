@@ -37,7 +37,7 @@ def train(
     """Run the training to its end, from its checkpoint if there is one.
 
     Ctrl-C is taken at the end of the running iteration: the checkpoint then holds exactly that
-    iteration. The last checkpoint stays until :func:`remove_checkpoints`, so that a finished
+    iteration. The last checkpoint stays until the version is complete, so that a finished
     training is not repeated by a resumed stage.
 
     Of several processes (``learn.parallel``) the first one logs and writes checkpoints; samples are

@@ -15,7 +15,6 @@ from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.checkpoint import (
     checkpoint_path,
     has_checkpoint,
-    remove_checkpoints,
 )
 from lacoloco.pipelines.training.diagnostics import Metrics
 from lacoloco.pipelines.training.loop import train
@@ -94,7 +93,6 @@ class TrainStage:
         if parallel.rank():
             return self._result(directory.final / ARTIFACT, metrics)
         metrics = save(trainer, directory.file(ARTIFACT), metrics)
-        remove_checkpoints(directory.path)
         return self._result(directory.complete(), metrics)
 
     def _result(self, path: Path, metrics: dict[str, Any]) -> StageResult:

@@ -1,4 +1,7 @@
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -153,3 +156,87 @@ def test_one_bad_file_does_not_hide_the_others(call, chain, add):
     answer = json.loads(shown.stdout)
     assert [one["path"] for one in answer["artifacts"]] == [str(low)]
     assert any(str(deep) in problem for problem in answer["problems"])
+
+
+@pytest.fixture
+def with_page():
+    stage_dir = RunStore().begin("dog", "play")
+    stage_dir.file("page.html").write_text("page")
+    values = {"metadata": {}, "config": {}, "seed": 0, "robot": None}
+    write_artifact(stage_dir.file("artifact.h5"), "lacoloco/motions", {}, **values)
+    return stage_dir.complete()
+
+
+def flip(page):
+    page.write_text("pagf")
+
+
+def link(page):
+    page.rename(page.parent.parent / "elsewhere")
+    page.symlink_to(page.parent.parent / "elsewhere")
+
+
+@pytest.mark.parametrize(
+    ("harm", "said"),
+    [
+        (flip, "page.html beside it does not match its hash"),
+        (link, "page.html beside it does not match its hash"),
+        (lambda page: page.unlink(), "page.html beside it is missing"),
+    ],
+)
+def test_verify_compares_the_files_beside_an_artifact(call, with_page, harm, said):
+    assert call("verify").exit_code == 0
+    harm(with_page.with_name("page.html"))
+    result = call("verify", "--json", "--quiet")
+    assert result.exit_code == 2
+    assert json.loads(result.stdout)["artifacts"][0]["problems"] == [said]
+
+
+def test_verify_names_the_files_without_a_hash(call, with_page, monkeypatch):
+    """One that was added, and all beside an artifact of before, which are intact all the same."""
+    with_page.with_name("note.txt").write_text("mine")
+    result = call("verify", "--json", "--quiet")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["artifacts"][0]["without_hash"] == ["note.txt"]
+    assert "no hash of note.txt" in call("verify").stdout
+
+    old = RunStore().root / "old/play/0001/artifact.h5"
+    values = {"metadata": {}, "config": {}, "seed": 0, "robot": None}
+    write_artifact(old, "lacoloco/motions", {}, **values)
+    old.with_name("page.html").write_text("page")
+    answer = json.loads(call("verify", "old", "--json", "--quiet").stdout)
+    assert (answer["intact"], answer["artifacts"][0]["without_hash"]) == (True, ["page.html"])
+
+
+def test_clean_shows_and_then_removes_what_killed_stages_left(call, chain):
+    _, clips, low = chain
+    killed = RunStore().begin("dog", "train-low", label="gan-seed1")
+    killed.file("x.checkpoint.h5").write_text("x" * 10)
+    killed._release()
+    (low.parent / ".lock").touch()
+    half = low.parent.parent / ".0007.removed"
+    half.mkdir()
+    expected = {str(killed.path), str(low.parent / ".lock"), str(half)}
+    for word, there in (((), True), (("--yes",), False)):
+        answer = json.loads(call("clean", "--json", *word).stdout)
+        assert {row["path"] for row in answer["left"]} == expected
+        assert killed.path.exists() == (low.parent / ".lock").exists() == half.exists() == there
+    assert "nothing to remove" in call("clean", "dog").stdout
+    assert clips.is_file() and low.is_file()
+    assert call("clean", "mouse").exit_code == 2
+
+
+def test_clean_leaves_what_another_process_works_on(call, chain):
+    code = (
+        "import sys\nfrom lacoloco.datasets.store import RunStore\n"
+        "stage = RunStore().begin('dog', 'train-low')\n"
+        "print(stage.path, flush=True)\nsys.stdin.read()\n"
+    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code], **pipes) as other:
+        path = Path(other.stdout.readline().decode().strip())
+        assert json.loads(call("clean", "--yes", "--json").stdout)["left"] == []
+        assert path.is_dir()
+        other.kill()
+    assert len(json.loads(call("clean", "--yes", "--json").stdout)["left"]) == 1
+    assert not path.exists()

@@ -1,3 +1,4 @@
+import hashlib
 import os
 import subprocess
 import sys
@@ -69,6 +70,31 @@ def test_completing_without_an_artifact_is_our_bug(store):
         store.begin("dog", "retarget").complete()
 
 
+def test_an_artifact_keeps_the_hashes_of_the_files_beside_it(store):
+    stage_dir = store.begin("dog", "retarget")
+    (stage_dir.path / "reports").mkdir()
+    for name in ("page.html", "reports/a.png", "old.checkpoint.h5", ".hidden"):
+        stage_dir.file(name).write_text(name)
+    write(stage_dir.file("artifact.h5"))
+    done = stage_dir.complete()
+    assert read_artifact(done).files == {
+        name: hashlib.sha256(name.encode()).hexdigest() for name in ("page.html", "reports/a.png")
+    }
+    assert read_artifact(write(store.root / "alone.h5")).files is None
+
+
+def test_the_files_beside_are_on_disk_before_the_name_is(store, monkeypatch):
+    synced = []
+    real = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: (synced.append(os.fstat(fd).st_ino), real(fd)))
+    stage_dir = store.begin("dog", "retarget")
+    (stage_dir.path / "reports").mkdir()
+    page = stage_dir.file("reports/page.html")
+    page.write_text("page")
+    write(stage_dir.file("artifact.h5"))
+    assert {page.stat().st_ino, page.parent.stat().st_ino} <= set(synced)
+
+
 def test_completing_never_replaces(store):
     stage_dir = store.begin("dog", "retarget")
     write(stage_dir.file("artifact.h5"))
@@ -121,6 +147,27 @@ def test_leftovers_of_a_killed_writer_are_removed_on_resume(store):
     names = {p.name for p in resumed.path.iterdir()}
     assert "checkpoint.h5" in names
     assert not any(name.startswith(".writing") for name in names)
+
+
+def test_a_stage_killed_between_artifact_and_name_repeats_its_last_step(store):
+    """Neither is it refused because the artifact is there, nor is what it goes on from lost."""
+    stage_dir = store.begin("dog", "train-low")
+    stage_dir.file("x.checkpoint.h5").write_text("state")
+    write(stage_dir.file("artifact.h5"))
+    resumed = store.begin("dog", "train-low", resume=True)
+    assert resumed.file("x.checkpoint.h5").read_text() == "state"
+    write(resumed.file("artifact.h5"), 1)
+    done = resumed.complete()
+    assert [path.name for path in done.parent.iterdir()] == ["artifact.h5"]
+    assert read_artifact(done).arrays["a"] == [1]
+
+
+def test_what_a_killed_stage_without_resumption_left_goes_with_the_next(store):
+    left = store.begin("dog", "eval", at_once=True)
+    left._release()
+    mine = store.begin("dog", "eval", at_once=True)
+    assert [one.path for one in store.partials("dog", "eval")] == [mine.path]
+    assert mine.final.name == "0002"
 
 
 def test_discard_deletes_partials_only(store):

@@ -10,7 +10,7 @@ import torch
 
 from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.errors import ArtifactError
-from lacoloco.datasets.store import RunStore
+from lacoloco.datasets.store import RunStore, remove_working
 from lacoloco.pipelines import train_low
 from lacoloco.pipelines.generation.config import smoke_expert
 from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
@@ -22,7 +22,6 @@ from lacoloco.pipelines.train_high import smoke as smoke_high
 from lacoloco.pipelines.train_low import smoke as smoke_low
 from lacoloco.pipelines.training import checkpoint
 from lacoloco.pipelines.training import loop as training
-from lacoloco.pipelines.training.checkpoint import remove_checkpoints
 from lacoloco.pipelines.training.loop import train
 from lacoloco.pipelines.training.metrics_log import MetricsLog
 
@@ -142,7 +141,7 @@ def test_a_finished_training_is_not_repeated_by_a_resumed_stage(tmp_path, contex
     assert (after["sum"], after["samples"]) == (before["sum"], before["samples"])
     assert torch.equal(second.total, first.total)
     assert len(lines(tmp_path)) == 3
-    remove_checkpoints(tmp_path)
+    remove_working(tmp_path)
     assert not list(tmp_path.glob("*.checkpoint.h5"))
     assert (tmp_path / "metrics.jsonl").exists()
 
@@ -319,7 +318,7 @@ def test_a_training_has_a_checkpoint_only_once_one_is_written(tmp_path):
     assert not checkpoint.has_checkpoint(tmp_path)
     (tmp_path / "train-low-drail-seed-0.checkpoint.h5").touch()
     assert checkpoint.has_checkpoint(tmp_path)
-    checkpoint.remove_checkpoints(tmp_path)
+    remove_working(tmp_path)
     assert not checkpoint.has_checkpoint(tmp_path)
 
 
