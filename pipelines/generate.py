@@ -29,7 +29,7 @@ from lacoloco.pipelines.training.loop import train
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.spec import RobotSpec
 
-LOG_KEYS = ("reward", "velocity_error", "target_error", "falls_per_1000_steps", "std")
+LOG_KEYS = ("reward", "velocity_error", "yaw_error", "target_error", "falls_per_1000_steps", "std")
 
 
 def laptop() -> GenerateConfig:
@@ -150,8 +150,12 @@ def train_experts(config: GenerateConfig, context: StageContext, spec: RobotSpec
     directory = mine.begin("experts", mine.work(config, record_of(spec)))
     policies: list[Policy] = []
     metrics: dict[str, float] = {}
+    trained: dict[str, ExpertTrainer] = {}
     for task, expert in (("walk", config.walk), ("reach_in_place", config.reach)):
         trainer = ExpertTrainer(spec, task, expert, seed=context.seed, device=context.device)
+        if trainer.task.start_from:
+            trainer.start_from(trained[trainer.task.start_from])
+        trained[task] = trainer
         figures = train(
             trainer, trainer.iterations, directory.path, context, f"expert {task}", LOG_KEYS
         )

@@ -12,6 +12,7 @@ from lacoloco.robots import mjcf
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.joint_rows import Rows, joint_rows
 from lacoloco.robots.numbers import (
+    Gait,
     HindsightDistances,
     InverseDynamics,
     ObservationNoise,
@@ -133,6 +134,7 @@ class RobotFile:
     mjcf: str = ""
     abduction_joints: tuple[str, ...] = ()
     observation_noise: ObservationNoise = field(default_factory=ObservationNoise)
+    gait: Gait | None = None
     retargeting: RetargetingSection = field(default_factory=RetargetingSection)
 
 
@@ -245,6 +247,7 @@ def _spec(
         hindsight=file.hindsight,
         inverse_dynamics=file.inverse_dynamics,
         terminations=file.terminations,
+        gait=file.gait,
         tasks=file.tasks,
     )
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from lacoloco.robots.tables import Angle, Length, NonNegative, Positive
+from lacoloco.robots.tables import Angle, Length, NonNegative, Positive, Rule
 
 
 @dataclass(frozen=True)
@@ -108,3 +109,26 @@ class Terminations:
     """
 
     training_tilt: Angle
+
+
+@dataclass(frozen=True)
+class Gait:
+    """``[gait]``: how a robot on two legs walks, for tasks that are guided by its clock.
+
+    Attributes:
+        period: Of a cycle of two steps, s.
+        swing_share: Share of it that a foot is in the air; below 1/2, so that both touch between.
+        lift: Height of a foot in the middle of its swing, m.
+        stop_speed: Planar speed of the base below which it may stop stepping, m/s.
+        stop_tilt: Length of the horizontal part of the projected gravity below which it may.
+        start_speed: Speed from which a standing robot steps, m/s.
+        start_tilt: Tilt from which it does.
+    """
+
+    period: Positive
+    swing_share: Annotated[float, Rule("a number above 0, below 1/2", lambda x: 0 < x < 0.5)]
+    lift: Length
+    stop_speed: Positive
+    stop_tilt: Positive
+    start_speed: Positive
+    start_tilt: Positive

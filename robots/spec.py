@@ -12,6 +12,7 @@ import numpy as np
 
 from lacoloco.robots import mjcf
 from lacoloco.robots.numbers import (
+    Gait,
     HindsightDistances,
     InverseDynamics,
     ObservationNoise,
@@ -75,6 +76,7 @@ class RobotSpec:
         hindsight: Which targets a latent has served.
         inverse_dynamics: How actions of clips are found.
         terminations: What ends an episode in training besides a fall.
+        gait: How it walks, if it walks on two legs by a clock.
         tasks: Name -> table of the task, as :mod:`lacoloco.pipelines.sim.tasks` reads it.
     """
 
@@ -107,6 +109,7 @@ class RobotSpec:
     hindsight: HindsightDistances
     inverse_dynamics: InverseDynamics
     terminations: Terminations
+    gait: Gait | None = None
     tasks: Mapping[str, Any] = field(default_factory=dict, hash=False, compare=False, repr=False)
     keypoints: Mapping[str, str] = field(default_factory=dict, hash=False)
 

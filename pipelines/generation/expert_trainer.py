@@ -11,6 +11,7 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.pipelines.generation.config import ExpertConfig
+from lacoloco.pipelines.generation.transfer import transferred
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
 from lacoloco.pipelines.learn.networks import geometric, set_std
@@ -25,11 +26,16 @@ from lacoloco.robots.spec import RobotSpec
 POLICY = "policy"
 
 
-def without_disturbances(task: Task) -> Task:
-    """The task as experts train on it and are recorded: own friction and masses per world, but no
-    noise and no pushes.
+def without_noise(task: Task) -> Task:
+    """The task as experts train on it: own friction and masses per world, the task's pushes, but no
+    noise. An expert is never deployed.
     """
-    return replace(task, noise=0.0, randomisation=replace(task.randomisation, push=0.0))
+    return replace(task, noise=0.0)
+
+
+def without_disturbances(task: Task) -> Task:
+    """The task as experts are recorded: without pushes, too."""
+    return replace(without_noise(task), randomisation=replace(task.randomisation, push=0.0))
 
 
 class ExpertTrainer:
@@ -40,9 +46,8 @@ class ExpertTrainer:
     ) -> None:
         """Build the environment and the learner."""
         torch.manual_seed(seed)
-        # An expert is never deployed, so it needs no noise. Its clips must show every robot and
-        # floor that the low level will meet, so the randomisation stays.
-        self.config, self.task = config, without_disturbances(load_task(spec, task_name))
+        # Its clips must show every robot and floor that the low level will meet.
+        self.config, self.task = config, without_noise(load_task(spec, task_name))
         self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
         self.env.stagger()
         sizes = {POLICY: width(self.env.terms)}
@@ -64,7 +69,8 @@ class ExpertTrainer:
     @property
     def iterations(self) -> int:
         """Iterations that the budget of samples allows."""
-        return max(1, round(self.config.samples / self.samples_per_iteration))
+        samples = self.config.samples * self.task.sample_factor
+        return max(1, round(samples / self.samples_per_iteration))
 
     def iterate(self, progress: float) -> dict[str, float]:
         """One rollout and its update."""
@@ -110,6 +116,21 @@ class ExpertTrainer:
         """The trained actor, deterministic."""
         return Policy(replace(self.head), self.algorithm.actor.eval())
 
+    def start_from(self, other: ExpertTrainer) -> None:
+        """Begin as another task's expert that is told nothing: its networks, with zero weights for
+        this task's command.
+
+        Raises:
+            StageError: The two see other things besides their commands.
+        """
+        for mine, theirs in (
+            (self.algorithm.actor, other.algorithm.actor),
+            (self.algorithm.critic, other.algorithm.critic),
+        ):
+            mine.load_state_dict(
+                transferred(mine.state_dict(), theirs.state_dict(), self.env.terms, other.env.terms)
+            )
+
     def state_dict(self) -> dict[str, Any]:
         """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
         return {
@@ -139,6 +160,8 @@ class ExpertTrainer:
 
     def _task_metrics(self) -> dict[str, float]:
         if self.task.name == "walk":
-            error = self.env.state.lin_vel_b[:, :2] - self.env.command[:, :2]
-            return {"velocity_error": float(torch.linalg.vector_norm(error, dim=-1).mean())}
+            state, command = self.env.state, self.env.command
+            error = torch.linalg.vector_norm(state.lin_vel_b[:, :2] - command[:, :2], dim=-1)
+            turning = (state.ang_vel_b[:, 2] - command[:, 2]).abs()
+            return {"velocity_error": float(error.mean()), "yaw_error": float(turning.mean())}
         return {"target_error": float(self.env.target_error().mean())}

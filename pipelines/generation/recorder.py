@@ -54,9 +54,8 @@ def record(
     rows, targets, errors, settled = [(env.physics.qpos, env.state)], [], [], []
     for step in range(steps):
         command = env.command.clone()
-        action = policy(env.observe())
-        targets.append(env.default_joint_pos + task.action_scale * action)
-        outcome = env.step(action)
+        outcome = env.step(policy(env.observe()))
+        targets.append(env.joint_target)
         upright &= ~outcome.fell
         rows.append((env.physics.qpos, env.state))
         if step >= transient:

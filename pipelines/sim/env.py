@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from lacoloco.datasets.rotations import rotate
 from lacoloco.pipelines.masking import pick, put, select
 from lacoloco.pipelines.sim import state as layouts
 from lacoloco.pipelines.sim.commands import uniform
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS
 from lacoloco.pipelines.sim.contact_timer import FootTimer
 from lacoloco.pipelines.sim.engines import make_physics
+from lacoloco.pipelines.sim.gait.clock import ASKED_SPEED
+from lacoloco.pipelines.sim.gait.guide import CLOCK_TERM, GaitGuide
 from lacoloco.pipelines.sim.initial_states import StandingStarts, clip_starts
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters
@@ -89,11 +92,12 @@ class LeggedEnv:
         sideways = [spec.joint_names.index(name) for name in spec.abduction_joints]
         self.abduction_columns = torch.tensor(sideways, dtype=torch.long, device=self.device)
         self.num_actions = joints
+        self.guide = self._guide() if task.gait else None
         self._starts = StandingStarts(spec, task.reset.joint_scale, self.draw, self.device)
         self._falls = slice(
             0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies)
         )
-        self._noise = layouts.noise_scale(self.terms).to(self.device)
+        self._noise = layouts.noise_scale(self._own_terms()).to(self.device)
         # What a trainer may give each world for itself; the same everywhere until then.
         self.noise = torch.full((num_worlds, 1), task.noise, device=self.device)
         self.episode_steps = torch.full((num_worlds,), task.episode_steps, device=self.device)
@@ -101,6 +105,7 @@ class LeggedEnv:
         self.feet = FootTimer(num_worlds, len(spec.feet), self.device)
         self.steps = torch.zeros(num_worlds, dtype=torch.long, device=self.device)
         self.action = torch.zeros(num_worlds, joints, device=self.device)
+        self.joint_target = self.default_joint_pos.repeat(num_worlds, 1)
         self.command = torch.zeros(num_worlds, 3, device=self.device)
         self._resample_at = torch.zeros_like(self.steps)
         self._push_at = torch.zeros_like(self.steps)
@@ -114,18 +119,32 @@ class LeggedEnv:
     @property
     def terms(self) -> tuple[Term, ...]:
         """Layout of :meth:`observe`."""
-        command = None if self.task.command is None else self.task.command.term
-        return layouts.policy_terms(self.num_actions, self.spec.observation_noise, command)
+        return self._own_terms() if self.guide is None else (*self._own_terms(), CLOCK_TERM)
+
+    @property
+    def gait(self) -> GaitGuide:
+        """The guide of a task with a gait."""
+        assert self.guide is not None, "the task has no gait"
+        return self.guide
 
     def step(self, action: torch.Tensor) -> Step:
-        """Apply raw actions (N, J) for one control step: joint targets = default pose + action
-        scale x action.
+        """Apply raw actions (N, J) for one control step: joint targets = default pose, or the
+        reference of a gait, + action scale x action.
         """
+        reference = self.default_joint_pos
+        if self.guide is not None:
+            action = self.guide.actual(action)
+            force = self.physics.foot_force[:, -1]
+            self.guide.advance(self.state, self.physics.qpos, self.command, force)
+            reference = self.guide.joint_pos
         self.previous, self.previous_action, self.action = self.state, self.action, action
         if self.task.has_target:
             self.previous_target_error = self.target_error()
-        self.physics.step(self.default_joint_pos + self.task.action_scale * action)
+        self.joint_target = reference + self.task.action_scale * action
+        self.physics.step(self.joint_target)
         self._read()
+        if self.guide is not None:
+            self.guide.update(self.state, self.physics.qpos)
         self.steps += 1
         self.feet.update(self.physics.foot_force[:, -1])
         diverged = self.physics.diverged
@@ -161,10 +180,10 @@ class LeggedEnv:
         if self.task.command is not None:
             parts.append(self.task.command.observe(self.command, self.state))
         clean = torch.cat(parts, dim=-1)
-        if self.task.noise == 0.0:
-            return clean
-        spread = self._uniform(*clean.shape) * 2.0 - 1.0
-        return clean + spread * (self._noise * self.noise)
+        if self.task.noise != 0.0:
+            spread = self._uniform(*clean.shape) * 2.0 - 1.0
+            clean = clean + spread * (self._noise * self.noise)
+        return clean if self.guide is None else self.guide.observe(clean)
 
     def reset(self, mask: torch.Tensor) -> None:
         """Start new episodes in the worlds of ``mask`` (N,) bool."""
@@ -190,6 +209,8 @@ class LeggedEnv:
         put(
             self._push_at, worlds, self._later(self.task.randomisation.push_interval_s, len(worlds))
         )
+        if self.guide is not None:
+            self._start_gait(self.guide, worlds)
 
     def start_from(
         self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor, action: torch.Tensor
@@ -270,6 +291,7 @@ class LeggedEnv:
             "draw": self.draw.get_state(),
             "feet": self.feet.state_dict(),
             "diverged_total": self.diverged_total,
+            **({} if self.guide is None else {"guide": self.guide.state_dict()}),
             **tensors,
         }
 
@@ -284,7 +306,46 @@ class LeggedEnv:
         self.diverged_total = torch.as_tensor(state["diverged_total"], device=self.device)
         for key in _STATE:
             setattr(self, key, state[key].to(self.device))
+        if self.guide is not None:
+            self.guide.load_state_dict(state["guide"])
         self._read()
+
+    def _own_terms(self) -> tuple[Term, ...]:
+        command = None if self.task.command is None else self.task.command.term
+        return layouts.policy_terms(self.num_actions, self.spec.observation_noise, command)
+
+    def _guide(self) -> GaitGuide:
+        return GaitGuide(
+            self.spec,
+            self.num_worlds,
+            self._own_terms(),
+            self.device,
+            reaches=self.task.has_target,
+        )
+
+    def _start_gait(self, guide: GaitGuide, worlds: torch.Tensor) -> None:
+        """Rest the clocks of ``worlds``, and put a share of those told to walk into the gait."""
+        guide.reset(worlds, self.state, self.physics.qpos, self._uniform(len(worlds)))
+        if self.task.reset.gait_share == 0.0:
+            return
+        chosen = (self._uniform(len(worlds)) < self.task.reset.gait_share) & (
+            pick(self.command_speed(), worlds) > ASKED_SPEED
+        )
+        walking = worlds & chosen if worlds.dtype == torch.bool else worlds[chosen]
+        if not len(walking):
+            return
+        joint_pos, joint_vel = guide.walking_start(walking, self.command)
+        qpos, command = pick(self.physics.qpos, walking), pick(self.command, walking)
+        height = torch.full_like(qpos[:, :1], self.spec.default_height())
+        ahead = rotate(qpos[:, 3:7], command * command.new_tensor((1.0, 1.0, 0.0)))
+        turning = command * command.new_tensor((0.0, 0.0, 1.0))
+        self.physics.reset(
+            walking,
+            torch.cat((qpos[:, :2], height, qpos[:, 3:7], joint_pos), dim=1),
+            torch.cat((ahead, turning, joint_vel), dim=1),
+        )
+        self._read()
+        guide.settle(walking, self.state, self.physics.qpos)
 
     def _read(self) -> None:
         self.state = RobotState.from_generalized(self.physics.qpos, self.physics.qvel)

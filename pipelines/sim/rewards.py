@@ -119,12 +119,87 @@ def posture(env: World) -> torch.Tensor:
     return (env.state.joint_pos - env.default_joint_pos).square().sum(dim=-1)
 
 
+def alive(env: World) -> torch.Tensor:
+    """1 in every step."""
+    return torch.ones_like(env.state.root_pos[:, 0])
+
+
+def planar_speed(env: World) -> torch.Tensor:
+    """v_x^2 + v_y^2, base frame [m^2/s^2]."""
+    return env.state.lin_vel_b[:, :2].square().sum(dim=-1)
+
+
+def displacement(env: World) -> torch.Tensor:
+    """Squared distance of the base from where the world begins [m^2], at most 1."""
+    return env.state.root_pos[:, :2].square().sum(dim=-1).clamp_max(1.0)
+
+
+def track_mean_planar_velocity(env: World, variance: float) -> torch.Tensor:
+    """exp(-|v_xy - v_xy*|^2 / variance) of the velocity without the sway of single steps."""
+    error = env.gait.mean_velocity[:, :2] - env.command[:, :2]
+    return torch.exp(-error.square().sum(dim=-1) / variance)
+
+
+def track_mean_yaw_rate(env: World, variance: float) -> torch.Tensor:
+    """The same of the yaw rate."""
+    return torch.exp(-(env.gait.mean_velocity[:, 2] - env.command[:, 2]).square() / variance)
+
+
+def contact_schedule(env: World) -> torch.Tensor:
+    """Share of the feet that touch, or do not, as the gait clock asks."""
+    return (env.feet.contact != env.gait.clock.swings()).float().mean(dim=-1)
+
+
+def stand(env: World) -> torch.Tensor:
+    """1 while the gait clock rests."""
+    return (~env.gait.clock.stepping).float()
+
+
+def follow_stride(env: World, sharpness: float) -> torch.Tensor:
+    """exp(-sharpness x sum of squares) of how far hips, knees and ankles are off the reference
+    [1/rad^2].
+    """
+    return torch.exp(-sharpness * _off(env, env.gait.pitch_columns))
+
+
+def leg_deviation(env: World) -> torch.Tensor:
+    """Sum of squares of how far hips, knees and ankles are off the reference [rad^2]."""
+    return _off(env, env.gait.pitch_columns)
+
+
+def sideways_deviation(env: World) -> torch.Tensor:
+    """The same of the legs' other joints, which roll and turn them."""
+    return _off(env, env.gait.sideways_columns)
+
+
+def upper_deviation(env: World) -> torch.Tensor:
+    """The same of trunk and arms."""
+    return _off(env, env.gait.upper_columns)
+
+
+def foot_slip(env: World) -> torch.Tensor:
+    """Sum of the squared planar speeds of the feet that touch [m^2/s^2], at most 4."""
+    speed = env.gait.foot_vel[..., :2].square().sum(dim=-1)
+    return (speed * env.feet.contact).sum(dim=-1).clamp_max(4.0)
+
+
+def close_feet(env: World, distance: float) -> torch.Tensor:
+    """How much nearer to each other than ``distance`` the feet are on the ground [m]."""
+    apart = (env.gait.foot_pos[:, 0] - env.gait.foot_pos[:, 1])[:, :2]
+    return (distance - torch.linalg.vector_norm(apart, dim=-1)).clamp_min(0.0)
+
+
+def _off(env: World, columns: list[int]) -> torch.Tensor:
+    return (env.state.joint_pos - env.gait.joint_pos)[:, columns].square().sum(dim=-1)
+
+
 @dataclass(frozen=True)
 class Registered:
-    """A reward function, and the type of command it reads; None where it reads none."""
+    """A reward function, the type of command it reads (None: any), and whether it reads a gait."""
 
     function: Callable[..., torch.Tensor]
     needs: str | None = None
+    gait: bool = False
 
 
 REWARDS: dict[str, Registered] = {
@@ -143,6 +218,19 @@ REWARDS: dict[str, Registered] = {
     "tilt": Registered(tilt),
     "vertical_motion": Registered(vertical_motion),
     "posture": Registered(posture),
+    "alive": Registered(alive),
+    "planar_speed": Registered(planar_speed),
+    "displacement": Registered(displacement),
+    "track_mean_planar_velocity": Registered(track_mean_planar_velocity, "velocity", gait=True),
+    "track_mean_yaw_rate": Registered(track_mean_yaw_rate, "velocity", gait=True),
+    "contact_schedule": Registered(contact_schedule, gait=True),
+    "stand": Registered(stand, gait=True),
+    "follow_stride": Registered(follow_stride, gait=True),
+    "leg_deviation": Registered(leg_deviation, gait=True),
+    "sideways_deviation": Registered(sideways_deviation, gait=True),
+    "upper_deviation": Registered(upper_deviation, gait=True),
+    "foot_slip": Registered(foot_slip, gait=True),
+    "close_feet": Registered(close_feet, gait=True),
 }
 
 

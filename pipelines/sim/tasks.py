@@ -46,6 +46,7 @@ class ResetConfig:
 
     Attributes:
         clip_share: Share of the episodes that start in a clip.
+        gait_share: Share of the episodes of a task with a gait, told to walk, that start in it.
         position: Half-width of the square that it starts in [m].
         heading: Largest heading to either side [rad].
         lin_vel: Half-range of each component of the base's velocity [m/s].
@@ -54,6 +55,7 @@ class ResetConfig:
     """
 
     clip_share: Share = 0.0
+    gait_share: Share = 0.0
     position: NonNegative = 0.0
     heading: HalfTurn = 3.14159
     lin_vel: NonNegative = 0.3
@@ -79,6 +81,10 @@ class Task:
         fall_height: End it also when the base is lower than this [m].
         reset: How episodes start.
         randomisation: What differs between worlds.
+        gait: Guided by the robot's gait: see :class:`lacoloco.pipelines.sim.gait.guide.GaitGuide`.
+        start_from: Task whose expert this one's begins as; "" for random networks.
+        sample_factor: Factor on the samples that an expert is trained with: a harder task needs
+            more.
         noise: Factor on the observation noise (0: clean).
         training_limits: Motors as strong as in training rather than as strong as they are.
     """
@@ -96,6 +102,9 @@ class Task:
     fall_height: float | None = None
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
+    gait: bool = False
+    start_from: str = ""
+    sample_factor: float = 1.0
     noise: float = 1.0
     training_limits: bool = True
 
@@ -135,6 +144,9 @@ class _TaskTable:
     fall_height: Length | None = None
     reset: ResetConfig = field(default_factory=ResetConfig)
     randomisation: Randomisation = field(default_factory=Randomisation)
+    gait: bool = False
+    start_from: str = ""
+    sample_factor: Positive = 1.0
 
 
 def load_task(spec: RobotSpec, name: str) -> Task:
@@ -204,6 +216,9 @@ def read_task(spec: RobotSpec, name: str, values: object, place: Place) -> Task:
         fall_height=table.fall_height,
         reset=table.reset,
         randomisation=table.randomisation,
+        gait=table.gait,
+        start_from=table.start_from,
+        sample_factor=table.sample_factor,
     )
 
 
@@ -228,6 +243,8 @@ def _reward(values: Mapping[str, Any], place: Place, table: _TaskTable) -> Rewar
     if not isinstance(name, str) or name not in REWARDS:
         hint = nearest(name, REWARDS) if isinstance(name, str) else ", ".join(REWARDS)
         (place / "name").fail(f"{name!r} is no reward term; {hint}")
+    if REWARDS[name].gait and not table.gait:
+        (place / "name").fail(f"{name!r} needs a task with `gait = true`")
     if needed := REWARDS[name].needs:
         _require_command(name, needed, table, place)
     parameters = parameters_of(name)

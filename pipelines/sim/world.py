@@ -9,6 +9,7 @@ from typing import Protocol
 import torch
 
 from lacoloco.pipelines.sim.contact_timer import FootTimer
+from lacoloco.pipelines.sim.gait.guide import GaitGuide
 from lacoloco.pipelines.sim.physics import Physics
 from lacoloco.pipelines.sim.state import RobotState
 
@@ -40,6 +41,10 @@ class World(Protocol):
     default_joint_pos: torch.Tensor
     abduction_columns: torch.Tensor
     previous_target_error: torch.Tensor
+
+    @property
+    def gait(self) -> GaitGuide:
+        """Clock and reference, in tasks with a gait."""
 
     def end_effector(self) -> torch.Tensor:
         """(N, 3) world position of the end effector [m]."""
