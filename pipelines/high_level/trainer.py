@@ -94,16 +94,16 @@ class HighTrainer:
         )
         self.algorithm.warm_up(self._random_observations())
 
-    def pretrain(self) -> float:
+    def pretrain(self) -> dict[str, float]:
         """Begin with a policy that chooses latents by where they led before; returns the cosine to
-        those.
+        those, ``latent_cosine``.
 
         Every process has its own worlds, but the first one's policy counts.
         """
         task, config = self.env.env.task, self.config.hindsight
         distances = self.env.env.spec.hindsight
         if not isinstance(task.command, TargetCommand):
-            return 0.0
+            return {}
         command = task.command
         memory = explore(self.env, config, self.generator)
         columns = {row["name"]: slice(*row["slice"]) for row in self.head.layout}
@@ -111,7 +111,7 @@ class HighTrainer:
             self.algorithm.actor, memory, command, columns, distances, config, self.generator
         )
         parallel.copy_from_first(self.algorithm.actor)
-        return agreement
+        return {"latent_cosine": agreement}
 
     @property
     def iterations(self) -> int:

@@ -10,7 +10,8 @@ from rsl_rl.models import MLPModel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY
 from lacoloco.pipelines.learn.behaviour_cloning import CloningData, clone
 from lacoloco.pipelines.learn.skill_embedding import SkillEmbedding
-from lacoloco.pipelines.low_level.expert_labels import ExpertLabels, LabelledStates
+from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
+from lacoloco.pipelines.low_level.expert_worlds import LabelledStates
 from lacoloco.pipelines.sim.clip_actions import ClipStates
 
 ASKED_SHARE = 0.5
@@ -45,10 +46,10 @@ class Cloning:
         )
 
     def ask(self, actor: MLPModel, labels: ExpertLabels) -> float:
-        """Let the actor perform clips, and keep what the experts say.
+        """Let the actor move by itself, and keep what the experts say.
 
         Returns:
-            Share of the steps before a fall.
+            Its falls per 1000 steps.
         """
         ahead = self._embedding.config.ahead
 
@@ -61,9 +62,9 @@ class Cloning:
             mean: torch.Tensor = actor(groups)
             return mean
 
-        new, possible = labels.collect(student)
+        new, falls = labels.collect(student)
         self._asked = new if self._asked is None else LabelledStates.joined([self._asked, new])
-        return len(new) / possible
+        return falls
 
     def _sample(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """(count,) rows at which windows begin, and rows of the data for their latents."""

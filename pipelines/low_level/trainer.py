@@ -10,6 +10,7 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.pipelines.evaluation.robustness import latent_switching_robustness
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase
 from lacoloco.pipelines.learn.behaviour_cloning import CloningData
@@ -125,9 +126,9 @@ class LowTrainer:
         the clips.
 
         Returns:
-            The error of the cloned actions (raw units, rms) and the encoder's mean cosine; after
-            rounds with the experts, the steps that the policy performed clips for until it fell, as
-            a share of all, in the last round.
+            The error of the cloned actions (raw units, rms) and the encoder's mean cosine; with
+            rounds of questions to the experts also the falls per 1000 steps in the last round, and
+            the share of episodes under switching latents that end in a fall.
         """
         config, env, metrics = self.config, self.env, dict[str, float]()
         actions = infer_actions(self.spec, self.clips, env.task.action_scale)
@@ -141,8 +142,13 @@ class LowTrainer:
         error = cloning.fit(self.algorithm.actor, config.bc_steps)
         for _ in range(config.expert_rounds):
             assert self.labels is not None
-            metrics["expert_survival"] = cloning.ask(self.algorithm.actor, self.labels)
+            falls = cloning.ask(self.algorithm.actor, self.labels)
             error = cloning.fit(self.algorithm.actor, config.bc_steps)
+            metrics["expert_falls_per_1000_steps"] = falls
+        if config.expert_rounds:
+            cloned = Policy(self.head, self.algorithm.actor)
+            switching = latent_switching_robustness(self.spec, cloned, seed=self.seed)
+            metrics["cloned_switching_fall_rate"] = switching["switching_fall_rate"]
         parallel.copy_from_first(self.algorithm.actor, self.embedding)
         return metrics | {
             "clone_error": error,

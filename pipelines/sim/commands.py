@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol
 
 import torch
 
-from lacoloco.datasets.rotations import rotate, rotate_inverse
+from lacoloco.datasets.rotations import from_yaw, rotate, rotate_inverse, yaw
 from lacoloco.pipelines.sim.state import RobotState, Term
 from lacoloco.robots.tables import Angle, Length, Range, Share
 
@@ -31,6 +31,14 @@ class Command(Protocol):
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
         """(N, term.size) what the policy sees of ``command`` (N, 3)."""
+        ...
+
+    def carried(
+        self, command: torch.Tensor, pose: torch.Tensor, other: torch.Tensor
+    ) -> torch.Tensor:
+        """(N, 3) what asks of robots at ``other`` (N, 7) what ``command`` (N, 3) asks at ``pose``
+        (N, 7): positions [m] and orientations (w, x, y, z) in the world; heights stay.
+        """
         ...
 
 
@@ -57,6 +65,12 @@ class VelocityCommand:
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
         """(N, 3) the command itself: it is already relative to the base."""
+        return command
+
+    def carried(
+        self, command: torch.Tensor, pose: torch.Tensor, other: torch.Tensor
+    ) -> torch.Tensor:
+        """(N, 3) the command itself."""
         return command
 
 
@@ -99,6 +113,14 @@ class TargetCommand:
         """(N, 3) the target in the base frame (full orientation, as in the original) [m]."""
         return rotate_inverse(state.root_quat, command - state.root_pos)
 
+    def carried(
+        self, command: torch.Tensor, pose: torch.Tensor, other: torch.Tensor
+    ) -> torch.Tensor:
+        """(N, 3) targets as far ahead and as far to the side [m]."""
+        offset = rotate(_turn(pose, other), command - pose[:, :3])
+        placed = other[:, :3] + offset
+        return torch.cat((placed[:, :2], command[:, 2:]), dim=1)
+
 
 @dataclass(frozen=True)
 class HeadingCommand:
@@ -119,6 +141,12 @@ class HeadingCommand:
         """(N, 3) the unit vector in the base frame."""
         return rotate_inverse(state.root_quat, command)
 
+    def carried(
+        self, command: torch.Tensor, pose: torch.Tensor, other: torch.Tensor
+    ) -> torch.Tensor:
+        """(N, 3) unit vectors as far to the side of the heading."""
+        return rotate(_turn(pose, other), command)
+
 
 @dataclass(frozen=True)
 class HeightCommand:
@@ -135,6 +163,19 @@ class HeightCommand:
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
         """(N, 1) the height itself."""
         return command[:, 2:]
+
+    def carried(
+        self, command: torch.Tensor, pose: torch.Tensor, other: torch.Tensor
+    ) -> torch.Tensor:
+        """(N, 3) the command itself."""
+        return command
+
+
+def _turn(pose: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
+    """(N, 4) rotation about the vertical from the heading of one pose (N, 7) to that of another."""
+    angle: torch.Tensor = yaw(other[:, 3:7]) - yaw(pose[:, 3:7])
+    turn: torch.Tensor = from_yaw(angle)
+    return turn
 
 
 def heading_error(command: torch.Tensor, state: RobotState) -> torch.Tensor:

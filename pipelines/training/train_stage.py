@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -28,8 +28,8 @@ class StageTrainer(Trainer, Protocol):
     def iterations(self) -> int:
         """Iterations in all."""
 
-    def pretrain(self) -> object:
-        """Fit the first policy without rewards."""
+    def pretrain(self) -> Mapping[str, float]:
+        """Fit the first policy without rewards; returns what is worth saying of it."""
 
 
 AnyTrainer = TypeVar("AnyTrainer", bound=StageTrainer)
@@ -79,7 +79,9 @@ class TrainStage:
         # A training without a checkpoint starts again, and its pretraining too.
         if pretraining and not has_checkpoint(directory.path):
             self.context.progress.say(pretraining)
-            trainer.pretrain()
+            if figures := trainer.pretrain():
+                said = (f"{name} {value:.3g}" for name, value in figures.items())
+                self.context.progress.say(", ".join(said))
         metrics = train(
             trainer,
             trainer.iterations,

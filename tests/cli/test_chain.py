@@ -61,7 +61,8 @@ def test_generate_says_which_experts_perform(tmp_path):
 
 
 @pytest.mark.slow
-def test_generate_says_that_it_trains_experts_where_none_are_published(tmp_path):
+def test_generate_says_that_it_trains_experts_where_none_are_published(tmp_path, monkeypatch):
+    monkeypatch.setattr(published, "find", lambda name: None)
     chain = Chain(tmp_path / "runs")
     generate = ("generate", "--preset", "smoke", "--run", "tiny", "--robot", "h1")
     first = chain.invoke(*generate)

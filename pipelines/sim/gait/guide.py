@@ -134,8 +134,6 @@ class GaitGuide:
         """
         self.clock.reset(worlds, phase, torch.zeros_like(phase, dtype=torch.bool))
         self.settle(worlds, state, qpos)
-        if self._servo is not None:
-            self._servo.reset(worlds)
 
     def settle(self, worlds: torch.Tensor, state: RobotState, qpos: torch.Tensor) -> None:
         """Forget how ``worlds`` moved before the states that all are in now."""
@@ -148,6 +146,8 @@ class GaitGuide:
             values = getattr(self, name).clone()
             put(values, worlds, pick(fresh, worlds))
             setattr(self, name, values)
+        if self._servo is not None:
+            self._servo.settle(worlds, qpos)
 
     def walking_start(
         self, worlds: torch.Tensor, qpos: torch.Tensor, command: torch.Tensor

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import torch
 
-from lacoloco.pipelines.masking import put
+from lacoloco.pipelines.masking import pick, put
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.robots.spec import RobotSpec
@@ -56,10 +56,11 @@ class ReachServo:
         moved = self.joint_pos + CONTROL_DT * (rate.clamp(-SPEED, SPEED) + home)
         self.joint_pos = torch.minimum(torch.maximum(moved, self._lower), self._upper)
 
-    def reset(self, worlds: torch.Tensor) -> None:
-        """Go back to the default pose in ``worlds``."""
+    def settle(self, worlds: torch.Tensor, qpos: torch.Tensor) -> None:
+        """Go on in ``worlds`` from where the joints of ``qpos`` (N, 7 + J) are."""
         self.joint_pos = self.joint_pos.clone()
-        put(self.joint_pos, worlds, self._rest)
+        columns = [7 + joint for joint in self.joints]
+        put(self.joint_pos, worlds, pick(qpos[:, columns], worlds))
 
 
 def _ease(spec: RobotSpec, joints: list[int]) -> torch.Tensor:

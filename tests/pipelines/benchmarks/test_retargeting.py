@@ -34,7 +34,7 @@ def test_files_that_cannot_be_used_are_told_apart(dog_file, tmp_path):
 
 
 def test_no_other_start_is_better_on_the_sample(dog_file):
-    metrics = bench.other_starts(sources=[dog_file], every=20, starts=2)
+    metrics = bench.other_starts("solo12", sources=[dog_file], every=20, starts=2)
     assert metrics["frames_checked"] == 3
     assert metrics["worst_excess_m2"] <= 1e-6
 

@@ -2,7 +2,12 @@ import math
 
 import torch
 
-from lacoloco.pipelines.sim.commands import TargetCommand, VelocityCommand, uniform
+from lacoloco.pipelines.sim.commands import (
+    HeadingCommand,
+    TargetCommand,
+    VelocityCommand,
+    uniform,
+)
 from lacoloco.pipelines.sim.state import RobotState
 
 
@@ -89,3 +94,17 @@ def test_equal_seeds_draw_equal_commands():
     )
     assert torch.equal(first, second)
     assert not torch.equal(first, third)
+
+
+def test_a_command_is_carried_to_where_another_robot_stands():
+    """A quarter turn to the left and 2 m on: what was ahead lies to the left, heights stay."""
+    half = math.sqrt(0.5)
+    pose = torch.tensor([[1.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0]])
+    other = torch.tensor([[3.0, 0.0, 0.5, half, 0.0, 0.0, half]])
+    target = TargetCommand(z=(0.0, 1.0)).carried(torch.tensor([[1.5, 0.1, 0.4]]), pose, other)
+    assert torch.allclose(target, torch.tensor([[2.9, 0.5, 0.4]]), atol=1e-6)
+    heading = HeadingCommand().carried(torch.tensor([[1.0, 0.0, 0.0]]), pose, other)
+    assert torch.allclose(heading, torch.tensor([[0.0, 1.0, 0.0]]), atol=1e-6)
+    velocity = torch.tensor([[0.4, 0.0, 0.2]])
+    stands = VelocityCommand((0.0, 1.0), (0.0, 0.0), (0.0, 0.0))
+    assert torch.equal(stands.carried(velocity, pose, other), velocity)

@@ -1,0 +1,199 @@
+"""Worlds in which a policy moves by itself and an expert is asked at every step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+
+from lacoloco.pipelines.generation.expert_trainer import without_noise
+from lacoloco.pipelines.policies import Policy
+from lacoloco.pipelines.sim.clip_actions import ClipStates
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.state import RobotState, style_frame
+from lacoloco.pipelines.sim.tasks import Task, load_task
+from lacoloco.robots.spec import RobotSpec
+
+Student = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
+"""(N, F + A) observations and (N,) rows of the clips -> (N, A) mean actions under the latents of
+those rows.
+"""
+HOLD_STEPS = 150
+"""Longest time for which the latent of one moment is held [control steps], as in training."""
+
+
+@dataclass(frozen=True)
+class LabelledStates:
+    """States that a policy reached by itself, and what an expert would do there.
+
+    Attributes:
+        frames: (n, F) clean style frames.
+        previous: (n, A) actions before, in units of the imitation task.
+        actions: (n, A) the expert's actions, likewise.
+        rows: (n,) rows of the clips that the policy was performing.
+    """
+
+    frames: torch.Tensor
+    previous: torch.Tensor
+    actions: torch.Tensor
+    rows: torch.Tensor
+
+    def __len__(self) -> int:
+        """Number of states n."""
+        return len(self.rows)
+
+    @classmethod
+    def joined(cls, parts: list[LabelledStates]) -> LabelledStates:
+        """All of them."""
+        names = ("frames", "previous", "actions", "rows")
+        return cls(**{name: torch.cat([getattr(part, name) for part in parts]) for name in names})
+
+
+@dataclass(frozen=True)
+class Repertoire:
+    """What a policy is asked to perform while one expert watches.
+
+    Attributes:
+        clips: (K,) numbers of the clips that the expert performed.
+        commands: (M, 3) what the expert is asked at every row of the clips.
+        rows: (R,) rows that may be performed.
+        stops: (M,) bool: at these rows the expert only knows how to come to rest, which others
+            begin with. What it says once the robot rests does not count.
+        starts: (S,) rows at which a robot rests: where a world may begin.
+    """
+
+    clips: torch.Tensor
+    commands: torch.Tensor
+    rows: torch.Tensor
+    stops: torch.Tensor
+    starts: torch.Tensor
+
+
+class ExpertWorlds:
+    """The worlds of one expert.
+
+    In half of them the policy performs one clip from its start; in the others it takes up one
+    moment of some clip after the other, as under a high level.
+    """
+
+    def __init__(
+        self,
+        spec: RobotSpec,
+        name: str,
+        expert: Policy,
+        states: ClipStates,
+        repertoire: Repertoire,
+        *,
+        worlds: int,
+        seed: int,
+    ) -> None:
+        """Build ``worlds`` worlds of the expert's task ``name``."""
+        device = states.qpos.device
+        self._expert, self._states, self._repertoire = expert, states, repertoire
+        self._scale = load_task(spec, "imitate").action_scale
+        self._rests = spec.skills.walk_speed
+        self.env = LeggedEnv(
+            spec, _performed(load_task(spec, name)), worlds, seed=seed, device=str(device)
+        )
+        self._generator = torch.Generator(device).manual_seed(seed)
+        self._performs = torch.arange(worlds, device=device) < worlds // 2
+        self._row = torch.zeros(worlds, dtype=torch.long, device=device)
+        self._left = torch.zeros_like(self._row)
+        self._last_action = torch.zeros_like(self.env.action)
+
+    def collect(self, student: Student) -> tuple[LabelledStates, int, int]:
+        """Let the policy move for as long as the shortest clip, and ask the expert.
+
+        Half of the worlds begin as the expert and are handed over at a time of their own, so that
+        the policy is also seen in the middle of what the expert began. Where the robot falls, the
+        world begins anew.
+
+        Returns:
+            The states; how many steps there were; how many robots fell.
+        """
+        env, states, clips = self.env, self._states, self._repertoire.clips
+        steps = int((states.last[states.first[clips]] - states.first[clips]).min())
+        handover = steps * self._uniform() * (self._uniform() < 0.5)
+        self._begin(torch.ones_like(self._performs))
+        kept, falls = [], 0
+        for step in range(steps):
+            frame, last, row = style_frame(env.state), self._last_action, self._row
+            speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
+            counts = ~self._repertoire.stops[row] | (speed > self._rests)
+            action = student(torch.cat((frame, last), dim=-1), row)
+            own = env.default_joint_pos + self._scale * action
+            own[step < handover] = float("nan")
+            outcome = env.step(self._expert(env.observe()), instead=own)
+            asked = (env.joint_target - env.default_joint_pos) / self._scale
+            kept.append((frame[counts], last[counts], asked[counts], row[counts]))
+            self._last_action = torch.where(own.isnan(), asked, action)
+            falls += int(outcome.fell.sum())
+            self._go_on(outcome.fell)
+        joined = LabelledStates(*(torch.cat(column) for column in zip(*kept, strict=True)))
+        return joined, steps * env.num_worlds, falls
+
+    def _begin(self, mask: torch.Tensor) -> None:
+        """Begin anew in the worlds of ``mask`` (N,) bool: with a clip, or at rest."""
+        worlds = torch.nonzero(mask).flatten()
+        if not len(worlds):
+            return
+        env, states, repertoire = self.env, self._states, self._repertoire
+        env.redraw(mask)
+        env.reset(mask)
+        first = states.first[self._drawn(repertoire.clips, len(worlds))]
+        rest = self._drawn(repertoire.starts, len(worlds))
+        performs = self._performs[worlds]
+        begin = torch.where(performs, first, rest)
+        still = torch.zeros_like(env.action[worlds])
+        env.start_from(worlds, states.qpos[begin], states.qvel[begin], still)
+        self._last_action[worlds] = still
+        self._row[worlds], self._left[worlds] = begin, states.remaining[begin]
+        env.command[worlds] = repertoire.commands[begin]
+        self._take_up(mask & ~self._performs)
+
+    def _take_up(self, mask: torch.Tensor) -> None:
+        """Turn to another moment of some clip in the worlds of ``mask`` (N,) bool."""
+        worlds = torch.nonzero(mask).flatten()
+        row = self._drawn(self._repertoire.rows, len(worlds))
+        self._row[worlds] = row
+        self._left[worlds] = (HOLD_STEPS * self._uniform()[worlds]).long()
+        command, kind = self._repertoire.commands[row], self.env.task.command
+        assert kind is not None
+        pose, recorded = self.env.physics.qpos[worlds, :7], self._states.qpos[row, :7]
+        self.env.command[worlds] = kind.carried(command, recorded, pose)
+
+    def _go_on(self, fell: torch.Tensor) -> None:
+        follows = self._performs & (self._left > 0)
+        self._row = self._row + follows
+        self._left = self._left - 1
+        # A clip's targets are where it was recorded, and who performs it set out from there.
+        asked = self._repertoire.commands[self._row]
+        self.env.command = torch.where(follows[:, None], asked, self.env.command)
+        self._take_up(~fell & ~self._performs & (self._left < 0))
+        self._begin(fell)
+
+    def _drawn(self, choices: torch.Tensor, count: int) -> torch.Tensor:
+        chosen = torch.randint(
+            len(choices), (count,), generator=self._generator, device=choices.device
+        )
+        return choices[chosen]
+
+    def _uniform(self) -> torch.Tensor:
+        return torch.rand(self.env.num_worlds, generator=self._generator, device=self.env.device)
+
+
+def _performed(task: Task) -> Task:
+    """The expert's task, pushes included, from where clips start and under their commands."""
+    reset = replace(task.reset, gait_share=0.0)
+    return replace(without_noise(task), resample_s=None, episode_s=3600.0, reset=reset)
+
+
+def resting_rows(spec: RobotSpec, states: ClipStates) -> torch.Tensor:
+    """(S,) rows of the clips' states in which neither the base nor a joint moves much."""
+    state = RobotState.from_generalized(states.qpos, states.qvel)
+    numbers = spec.tracking
+    speed = torch.linalg.vector_norm(state.lin_vel_b[:, :2], dim=1)
+    joints = state.joint_vel.abs().mean(dim=1)
+    still = (speed < numbers.resting_speed) & (joints < numbers.resting_joint_speed)
+    return torch.nonzero(still).flatten()
