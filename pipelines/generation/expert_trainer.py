@@ -78,7 +78,7 @@ class ExpertTrainer:
         strength = ramp(progress, *self.config.ramp)
         std = geometric(self.config.std, progress)
         set_std(algorithm.actor, std)
-        tally = MetricAccumulator()
+        totals = MetricAccumulator()
         obs = self._observe()
         for _ in range(self.config.ppo.horizon):
             step = env.step(algorithm.act(obs))
@@ -89,14 +89,14 @@ class ExpertTrainer:
             )
             env.reset(step.done)
             obs = self._observe() if perhaps_any(step.done) else next_obs
-            tally.add(
+            totals.add(
                 falls=step.fell.sum(),
                 reward=step.reward.mean(),
                 delta=None if delta is None else delta.mean(),
             )
         algorithm.compute_returns(obs)
         metrics = algorithm.update()
-        steps, sums = self.config.ppo.horizon, tally.read()
+        steps, sums = self.config.ppo.horizon, totals.read()
         return (
             metrics
             | self._task_metrics()

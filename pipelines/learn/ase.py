@@ -135,11 +135,11 @@ class Ase(Ppo):
         cosine at the end.
         """
         self.normalizer.update(*(self.demonstrations(4 * batch) for _ in range(2)))
-        miss = torch.zeros(())
+        labelled_loss = torch.zeros(())
         for _ in range(steps):
-            miss = self._labelled_loss(batch)
-            _descend(self.encoder_optimizer, miss)
-        return -float(miss.detach())
+            labelled_loss = self._labelled_loss(batch)
+            _descend(self.encoder_optimizer, labelled_loss)
+        return -float(labelled_loss.detach())
 
     def compute_returns(self, obs: TensorDict) -> None:
         """Add the style rewards of the whole rollout in one batch, then compute returns."""
@@ -214,11 +214,11 @@ class Ase(Ppo):
     def _reward_rollout(self) -> dict[str, float]:
         flat = self.normalizer(self.transitions.flatten(0, 1))
         z = self.storage.observations[LATENT].flatten(0, 1)
-        # Piece by piece: a denoiser's activations for a whole rollout leave every cache.
+        # Part by part: a denoiser's activations for a whole rollout leave every cache.
         logits = torch.cat(
             [
-                self.discriminator.logits(piece, self.generator)
-                for piece in flat.split(REWARDED_AT_ONCE)
+                self.discriminator.logits(part, self.generator)
+                for part in flat.split(REWARDED_AT_ONCE)
             ]
         )
         imitation = imitation_reward(logits, self.ase.reward_ceiling)

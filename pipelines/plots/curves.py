@@ -1,5 +1,5 @@
 """The curves of all trainings of a run as one picture: a section per stage, a panel per kind of
-figure.
+metric.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
                 shown = look if not several else look | {"color": GREY}
                 handles.setdefault(line.label, Line2D([], [], label=line.label, **shown))
         for position, line in enumerate(_expand(panel.references, training)):
-            value = training.metrics[line.figure]
+            value = training.metrics[line.metric]
             level = line.factor * value[np.isfinite(value)][-1]
             # Of one training, the clips' line has the colour of what it is to be compared with.
             colour = GREY if several or len(panel.references) == 1 else _colour(position)
@@ -123,7 +123,7 @@ def _panel(axes: Axes, panel: Panel, members: Sequence[Training]) -> None:
 
 
 def _curve(axes: Axes, training: Training, line: Line, look: dict[str, Any], log: bool) -> None:
-    values = training.metrics[line.figure] * line.factor
+    values = training.metrics[line.metric] * line.factor
     # What is held at zero for a while has no place on a logarithmic axis.
     there = np.isfinite(values) & ((values > 0.0) | (not log))
     samples, values = training.samples[there] / 1e6, values[there]
@@ -161,14 +161,14 @@ def _expand(lines: Sequence[Line], training: Training) -> list[Line]:
     """The lines that a training has metrics for, those with a ``*`` one by one."""
     found = []
     for line in lines:
-        if line.figure.endswith("*"):
-            stem = line.figure[:-1]
+        if line.metric.endswith("*"):
+            stem = line.metric[:-1]
             names = [name for name in training.metrics if name.startswith(stem)]
             labels = [f"{line.label} {name.removeprefix(stem).replace('_', ' ')}" for name in names]
             found += [
                 Line(name, label, line.factor) for name, label in zip(names, labels, strict=True)
             ]
-        elif line.figure in training.metrics and np.isfinite(training.metrics[line.figure]).any():
+        elif line.metric in training.metrics and np.isfinite(training.metrics[line.metric]).any():
             found.append(line)
     return found
 

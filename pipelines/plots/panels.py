@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Line:
-    """One figure: its name in the log (a trailing ``*`` takes all that begin so), its label, and a
+    """One metric: its name in the log (a trailing ``*`` takes all that begin so), its label, and a
     factor to the unit.
     """
 
-    figure: str
+    metric: str
     label: str = ""
     factor: float = 1.0
     band: tuple[str, str] | None = None
-    """Figures between which the panel is shaded."""
+    """Metrics between which the panel is shaded."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Panel:
     unit: str
     lines: tuple[Line, ...]
     references: tuple[Line, ...] = ()
-    """Figures that do not move, drawn as dotted lines: the clips'."""
+    """Metrics of the clips, drawn as dotted lines, since they do not change in training."""
     level: tuple[float, str] | None = None
     """A value to compare with, and its name."""
     log: bool = False

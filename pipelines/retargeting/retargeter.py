@@ -149,7 +149,7 @@ class Retargeter:
             targets=targets,
             keypoints=keypoints,
             feet=feet + lift[:, None],
-            hip_columns=self.map.hip_columns,
+            hip_keypoints=self.map.hip_keypoints,
             lift=lift[:, 2],
         )
         return Retargeted(clip, assessment, failures, seconds)

@@ -102,7 +102,7 @@ class TrackerTrainer:
         Returns:
             Sums over the rollout of the mean reward, of early terminations and of falls.
         """
-        env, algorithm, tally = self.env, self.algorithm, MetricAccumulator()
+        env, algorithm, totals = self.env, self.algorithm, MetricAccumulator()
         reward_scale = 1.0 - self.config.ppo.gamma
         obs = env.observe()
         for _ in range(self.config.ppo.horizon):
@@ -114,11 +114,11 @@ class TrackerTrainer:
                 env.reset(done)
                 next_obs = env.observe()
             obs = next_obs
-            tally.add(
+            totals.add(
                 reward=reward.mean(), early_terminations=terminated.sum(), falls=step.fell.sum()
             )
         algorithm.compute_returns(obs)
-        return tally.read()
+        return totals.read()
 
     def _first_observations(self, all_worlds: torch.Tensor) -> TensorDict:
         """Observations under random residuals, from which the normaliser starts."""

@@ -36,8 +36,8 @@ class Assessment:
     """(T, K, 3) world, m, as solved: where they are compared with the targets."""
     feet: np.ndarray
     """(T, F, 3) centres of the foot spheres in the clip, world, m."""
-    hip_columns: tuple[int, ...]
-    """Which keypoints are hips."""
+    hip_keypoints: tuple[int, ...]
+    """Indices of the hips among the keypoints."""
     lift: np.ndarray
     """(T,) m by which the clip stands higher than what was solved."""
 
@@ -49,9 +49,9 @@ class Assessment:
     @cached_property
     def courses(self) -> tuple[np.ndarray, np.ndarray]:
         """(T, 3) the middle of the hips, of the robot and of the animal in the robot's size, m."""
-        columns, up = list(self.hip_columns), np.array([0.0, 0.0, 1.0])
+        hips, up = list(self.hip_keypoints), np.array([0.0, 0.0, 1.0])
         lift = self.lift[:, None] * up
-        robot, animal = self.keypoints[:, columns], self.targets.points[:, columns]
+        robot, animal = self.keypoints[:, hips], self.targets.points[:, hips]
         return robot.mean(1) + lift, animal.mean(1) + lift
 
     @cached_property

@@ -25,9 +25,10 @@ class BodyMap:
     """Mocap joints at which the limbs begin."""
     feet: tuple[str, ...]
     """Mocap joints that stand for the feet in the paper."""
-    hip_columns: tuple[int, ...]
-    """Where the hips stand among the robot's keypoints."""
-    foot_columns: tuple[int, ...]
+    hip_keypoints: tuple[int, ...]
+    """Indices of the hips among the robot's keypoints."""
+    foot_keypoints: tuple[int, ...]
+    """Indices of the feet among them."""
     ends: tuple[tuple[str, ...], ...]
     """Nodes that touch the ground, per leg: the first that a file has."""
 
@@ -90,15 +91,15 @@ def body_map(spec: RobotSpec, contacts: Mapping[str, Sequence[str]] | None = Non
         if foot not in bodies or not above:
             raise StageError(
                 f"robot '{spec.name}': retargeting needs keypoints for {foot} and for a body at the"
-                " root of its leg; add them to its RobotSpec"
+                " root of its leg; add them to [retargeting.keypoints] of robot.toml"
             )
         hips.append(bodies.index(above[-1]))
         feet.append(bodies.index(foot))
     return BodyMap(
         hips=tuple(joints[i] for i in hips),
         feet=tuple(joints[i] for i in feet),
-        hip_columns=tuple(hips),
-        foot_columns=tuple(feet),
+        hip_keypoints=tuple(hips),
+        foot_keypoints=tuple(feet),
         ends=tuple(
             tuple((contacts or {}).get(foot, (f"{joints[i]}_end",)))
             for foot, i in zip(spec.feet, feet, strict=True)
@@ -122,7 +123,7 @@ def leg_geometry(spec: RobotSpec, mapping: BodyMap) -> LegGeometry:
     count, upright = len(poses), np.array([1.0, 0.0, 0.0, 0.0])
     assert poses.shape[1] == model.nq - FREE_BASE
     points = positions(np.zeros((count, 3)), np.tile(upright, (count, 1)), poses)
-    hips, feet = points[:, mapping.hip_columns], points[:, mapping.foot_columns]
+    hips, feet = points[:, mapping.hip_keypoints], points[:, mapping.foot_keypoints]
     reach = np.linalg.norm(feet - hips, axis=-1).max()
     return LegGeometry(hips[0], feet[0], float(reach))
 

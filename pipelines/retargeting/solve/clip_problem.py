@@ -143,10 +143,10 @@ class ClipProblem:
     def _stretch(self, targets: Targets, fps: float) -> Stretch:
         """The whole clip: guess, targets and bounds."""
         plan = plan_feet(
-            targets.points[:, self._map.foot_columns], targets.contacts, self._radius, fps
+            targets.points[:, self._map.foot_keypoints], targets.contacts, self._radius, fps
         )
         points = targets.points.copy()
-        points[:, self._map.foot_columns] = plan.path
+        points[:, self._map.foot_keypoints] = plan.path
         guess, reference = self._guess(points, plan, fps)
         frames = len(points)
         lower, upper = self._limits
@@ -170,7 +170,7 @@ class ClipProblem:
         An animal that sits has its hips where the robot's knees would be in the ground; from a
         guess like that there is no way out, so the hips begin higher.
         """
-        hips = points[:, self._map.hip_columns].copy()
+        hips = points[:, self._map.hip_keypoints].copy()
         hips[..., 2] = np.maximum(hips[..., 2], 0.5 * self._legs.reach)
         position, quat = rigid_fit(self._legs.hips, hips)
         reference = rotations.normalize(smooth(rotations.continuous(quat), 0.05 * fps))

@@ -46,7 +46,12 @@ class FrameFunctions:
         knees = [kinematics.body_position(model, poses, body)[2] for body in spec.knee_frames]
         self._number(mapping, len(points), len(knees))
         self._derive(x, ca.vertcat(reference, ca.vec(targets)), ca.vertcat(*points, *knees))
-        at = (x, reference, ca.vertcat(*(points[column] for column in mapping.foot_columns)), spec)
+        at = (
+            x,
+            reference,
+            ca.vertcat(*(points[column] for column in mapping.foot_keypoints)),
+            spec,
+        )
         self.leg_step = _leg_step(*at, posture=0.03, damping=1e-5)
         self.foot_step = _leg_step(*at, posture=0.0, damping=1e-7)
 
@@ -59,23 +64,23 @@ class FrameFunctions:
         """
         (points,) = self.coordinates(x, parameters)
         targets = parameters[:, 4:]
-        missed = points[:, : targets.shape[1]] - targets
+        off_target = points[:, : targets.shape[1]] - targets
         turned = x[:, JOINTS] - self.neutral
-        return (missed**2).sum(axis=1) + self.posture_weight * (turned**2).sum(axis=1)
+        return (off_target**2).sum(axis=1) + self.posture_weight * (turned**2).sum(axis=1)
 
     def _number(self, mapping: BodyMap, points: int, knees: int) -> None:
         """Say which coordinates are which constraint values."""
-        feet = 3 * np.array(mapping.foot_columns)[:, None] + np.arange(3)
-        hips = 3 * np.array(mapping.hip_columns) + 2
+        feet = 3 * np.array(mapping.foot_keypoints)[:, None] + np.arange(3)
+        hips = 3 * np.array(mapping.hip_keypoints) + 2
         self.value_rows = np.concatenate([feet.ravel(), 3 * points + np.arange(knees), hips])
         self.feet = slice(0, feet.size)
         self.heights = slice(feet.size, len(self.value_rows))
         self.knees, self.hips = knees, len(hips)
 
     def _derive(self, x: ca.SX, parameters: ca.SX, coordinates: ca.SX) -> None:
-        missed = coordinates[: parameters.numel() - 4] - parameters[4:]
+        off_target = coordinates[: parameters.numel() - 4] - parameters[4:]
         turned = x[JOINTS] - ca.DM(self.neutral)
-        residuals = ca.vertcat(missed, np.sqrt(self.posture_weight) * turned)
+        residuals = ca.vertcat(off_target, np.sqrt(self.posture_weight) * turned)
         values = coordinates[self.value_rows.tolist()]
         self.derivatives = FrameDerivatives(x, parameters, residuals, values)
         function = ca.Function("coordinates", [x, parameters], [coordinates])

@@ -47,13 +47,13 @@ ROUGH: Mapping[str, Any] = {**OPTIONS, "ipopt.tol": 1e-2, "ipopt.mu_init": 1e-3}
 CHANGE = 2e-3
 """Relative change of the cost at which the iterations end."""
 BROKEN = 5e-3
-"""m or rad by which constraints may be missed when the iterations run out."""
+"""m or rad by which constraints may be violated when the iterations run out."""
 ROUNDS = 4
 """How often constraints may be taken in."""
 NEAR, FAST = 0.1, 0.4
 """m from its bound, and share of its limit from the greatest step, within which a row counts."""
-MISSED, FASTER = 3e-4, 0.01
-"""m, and share of the greatest step, by which a row that was left out may be missed."""
+VIOLATED, TOO_FAST = 3e-4, 0.01
+"""m, and share of the greatest step, by which a row that was left out may be violated."""
 ENDS = 4
 """Steps at either end that always count: nothing beyond them makes them smooth."""
 SPREAD = 2
@@ -72,24 +72,24 @@ def solve_stretch(
         rough: Be content with a guess.
 
     Returns:
-        Variables (N, n), or None when Ipopt does not converge, or after ROUNDS still misses rows
-        that were left out.
+        Variables (N, n), or None when Ipopt does not converge, or when rows that were left out are
+        still violated after ROUNDS.
     """
     lower, upper = _bounds(stretch)
     counts = (np.isfinite(lower) | np.isfinite(upper)) & ~_still(stretch)
     rows, margins = _rows(functions, stretch, stretch.guess), _per_row(stretch, NEAR, FAST)
     used = (rows < lower + margins) | (rows > upper - margins) | _steps_at_ends(stretch)
     used &= counts
-    tolerances = _per_row(stretch, MISSED, FASTER)
+    tolerances = _per_row(stretch, VIOLATED, TOO_FAST)
     for _ in range(1 if rough else ROUNDS):
         solution = _solve_rows(functions, stretch, smoothness, used, ROUGH if rough else OPTIONS)
         if solution is None:
             return None
         rows = _rows(functions, stretch, solution)
-        missed = (rows < lower - tolerances) | (rows > upper + tolerances)
-        if not (missed & counts & ~used).any():
+        violated = (rows < lower - tolerances) | (rows > upper + tolerances)
+        if not (violated & counts & ~used).any():
             break
-        used |= _with_neighbours(missed, stretch) & counts
+        used |= _with_neighbours(violated, stretch) & counts
         stretch = replace(stretch, guess=solution)
     else:
         return solution if rough else None
@@ -168,9 +168,9 @@ def _steps_at_ends(stretch: Stretch) -> np.ndarray:
     return np.concatenate([np.zeros(stretch.value_bounds[0].size, dtype=bool), steps.ravel()])
 
 
-def _with_neighbours(missed: np.ndarray, stretch: Stretch) -> np.ndarray:
+def _with_neighbours(violated: np.ndarray, stretch: Stretch) -> np.ndarray:
     """Rows and the same rows of the frames beside them."""
-    parts = np.split(missed, [stretch.value_bounds[0].size])
+    parts = np.split(violated, [stretch.value_bounds[0].size])
     widths, grown = (stretch.value_bounds[0].shape[1], len(stretch.step_limit)), []
     for part, width in zip(parts, widths, strict=True):
         narrow = part.reshape(-1, width)

@@ -97,7 +97,7 @@ def fitted_targets(
     feet[..., 2] = scale * np.maximum(paws[..., 2] - ground, 0.0) + foot_radius
 
     points = np.empty((mocap.frames, len(mapping.hips) + len(mapping.feet), 3))
-    points[:, mapping.hip_columns], points[:, mapping.foot_columns] = trunk, feet
+    points[:, mapping.hip_keypoints], points[:, mapping.foot_keypoints] = trunk, feet
     return Targets(points, paw_contacts(mocap, mapping), scale)
 
 

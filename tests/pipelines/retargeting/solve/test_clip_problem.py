@@ -23,7 +23,7 @@ POINTS = list(SPEC.keypoints.values())
 POSITIONS = BodyPositions(SPEC.pinocchio_model(), POINTS)
 KNEES = BodyPositions(SPEC.pinocchio_model(), SPEC.knee_frames)
 FEET = BodyPositions(SPEC.pinocchio_model(), SPEC.feet)
-HIPS = BodyPositions(SPEC.pinocchio_model(), [POINTS[i] for i in MAP.hip_columns])
+HIPS = BodyPositions(SPEC.pinocchio_model(), [POINTS[i] for i in MAP.hip_keypoints])
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def points_of(motion):
 def check(motion, targets, fps=60.0):
     """What must hold for every clip."""
     points = points_of(motion)
-    feet = foot_quality(points[:, MAP.foot_columns], targets.contacts, RADIUS, fps)
+    feet = foot_quality(points[:, MAP.foot_keypoints], targets.contacts, RADIUS, fps)
     assert feet["foot_skate_mean_m_s"] < 1e-3
     assert feet["ground_penetration_max_m"] < 1e-3
     assert feet["stance_float_max_m"] < 1e-3
@@ -99,8 +99,8 @@ def test_short_clips(problem, trot, frames):
 
 def test_an_animal_that_sits_leaves_the_knees_above_the_ground(problem, trot):
     sitting = np.tile(trot.points[60], (60, 1, 1))
-    sitting[:, MAP.foot_columns, 2] = RADIUS
-    hips = [MAP.hip_columns[2], MAP.hip_columns[3]]
+    sitting[:, MAP.foot_keypoints, 2] = RADIUS
+    hips = [MAP.hip_keypoints[2], MAP.hip_keypoints[3]]
     sitting[:, hips, 2] -= np.linspace(0, 0.3, len(sitting))[:, None]
     targets = Targets(sitting, np.ones((60, 4), bool), trot.scale)
     check(problem.track(targets, 60.0), targets)
@@ -117,7 +117,7 @@ def test_speed_limits_hold_where_the_animal_is_too_fast(problem, trot):
 
 def test_knees_do_not_change_sides(problem, trot):
     high = trot.points.copy()
-    high[:, MAP.hip_columns, 2] += 0.2  # out of reach: the legs would be straight
+    high[:, MAP.hip_keypoints, 2] += 0.2  # out of reach: the legs would be straight
     motion = problem.track(Targets(high, trot.contacts, trot.scale), 60.0)
     assert (motion.joint_pos[:, 2::3] < -0.09).all()
 
@@ -161,9 +161,9 @@ def lying(trot):
     """Stands, then lies down with its trunk as low as its paws."""
     frames = 90
     points = np.tile(trot.points[60], (frames, 1, 1))
-    points[:, MAP.foot_columns, 2] = RADIUS
+    points[:, MAP.foot_keypoints, 2] = RADIUS
     down = np.clip((np.arange(frames) - 20) / 40, 0, 1)[:, None]
-    points[:, MAP.hip_columns, 2] -= 0.25 * down
+    points[:, MAP.hip_keypoints, 2] -= 0.25 * down
     return Targets(points, np.ones((frames, 4), bool), trot.scale)
 
 
@@ -171,7 +171,7 @@ def leaping(trot):
     """Stands, is in the air for a third of a second, stands."""
     frames = 90
     points = np.tile(trot.points[60], (frames, 1, 1))
-    points[:, MAP.foot_columns, 2] = RADIUS
+    points[:, MAP.foot_keypoints, 2] = RADIUS
     flight = np.clip((np.arange(frames) - 35) / 20, 0, 1)
     points[..., 2] += (0.15 * 4 * flight * (1 - flight))[:, None]
     contacts = np.repeat(((flight <= 0) | (flight >= 1))[:, None], 4, axis=1)

@@ -52,7 +52,10 @@ def symbolic(stretch, smoothness):
         cost += ca.sumsqr(ca.vertcat(*points) - targets)
         cost += ClipWeights().posture * ca.sumsqr(x[JOINTS, t] - ca.DM(SPEC.retarget_neutral))
         knees = [kinematics.body_position(model, poses, body)[2] for body in SPEC.knee_frames]
-        feet, hips = [points[i] for i in MAP.foot_columns], [points[i][2] for i in MAP.hip_columns]
+        feet, hips = (
+            [points[i] for i in MAP.foot_keypoints],
+            [points[i][2] for i in MAP.hip_keypoints],
+        )
         values += [*feet, *knees, *hips]
     for t in range(frames - 3):
         third = x[:, t + 3] - 3 * x[:, t + 2] + 3 * x[:, t + 1] - x[:, t]
@@ -118,8 +121,8 @@ def test_held_frames_stay_where_they_are(problem, trot):
 
 def test_constraints_that_contradict_each_other_have_no_solution(problem, trot):
     points = trot.points.copy()
-    points[15:, MAP.foot_columns[0], 0] += 3.0  # two legs would have to be metres long
-    points[15:, MAP.foot_columns[1], 0] -= 3.0
+    points[15:, MAP.foot_keypoints[0], 0] += 3.0  # two legs would have to be metres long
+    points[15:, MAP.foot_keypoints[1], 0] -= 3.0
     stands = np.ones_like(trot.contacts)
     stretch = problem._stretch(Targets(points, stands, trot.scale), 60.0)
     with np.errstate(all="raise"):

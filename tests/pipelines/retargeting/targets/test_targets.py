@@ -42,7 +42,7 @@ def test_hips_and_feet_of_the_robot_are_paired_leg_by_leg():
     assert MAP.hips == ("LeftShoulder", "RightShoulder", "LeftUpLeg", "RightUpLeg")
     assert MAP.feet == ("LeftHand", "RightHand", "LeftFoot", "RightFoot")
     bodies = list(SPEC.keypoints.values())
-    assert [bodies[i] for i in MAP.foot_columns] == list(SPEC.feet)
+    assert [bodies[i] for i in MAP.foot_keypoints] == list(SPEC.feet)
 
 
 def test_the_reach_of_a_leg_is_that_of_its_links():
@@ -62,7 +62,7 @@ def test_plain_targets_are_the_animal_itself(dog):
 
 
 def test_hips_are_those_of_the_robot(dog):
-    points = fitted(dog).points[:, MAP.hip_columns]
+    points = fitted(dog).points[:, MAP.hip_keypoints]
     for a in range(4):
         for b in range(a):
             distance = np.linalg.norm(points[:, a] - points[:, b], axis=1)
@@ -73,7 +73,7 @@ def test_standing_feet_are_on_the_ground_whatever_the_height_of_the_floor(dog):
     """Bug B6: the original's foot centres are on the ground, and so its foot spheres in it."""
     for shift in (0.0, 0.3):
         targets = fitted(moved(dog, shift=(0, 0, shift)))
-        height = targets.points[:, MAP.foot_columns, 2][targets.contacts]
+        height = targets.points[:, MAP.foot_keypoints, 2][targets.contacts]
         assert np.abs(height - RADIUS).max() < 0.005
 
 
@@ -94,11 +94,11 @@ def test_a_bigger_animal_is_scaled_down_to_the_same_legs(dog):
 
 def test_scaled_legs_bend_and_stand_apart(dog):
     targets = fitted(dog)
-    hips, feet = (targets.points[:, columns] for columns in (MAP.hip_columns, MAP.foot_columns))
+    hips, feet = (targets.points[:, columns] for columns in (MAP.hip_keypoints, MAP.foot_keypoints))
     stretch = np.linalg.norm(hips - feet, axis=-1)[targets.contacts] / LEGS.reach
     assert 0.7 < np.median(stretch) < 0.95
     # left feet lie left of right feet, about as far apart as below the robot's own hips
-    left = targets.points[:, MAP.foot_columns[0]] - targets.points[:, MAP.foot_columns[1]]
+    left = targets.points[:, MAP.foot_keypoints[0]] - targets.points[:, MAP.foot_keypoints[1]]
     apart = np.median(np.linalg.norm(left[:, :2], axis=1))
     assert apart == pytest.approx(LEGS.feet[0, 1] - LEGS.feet[1, 1], abs=0.08)
 
