@@ -24,9 +24,9 @@ COLOURS = (128, 64, 32, 16)
 """Sizes of the palette, tried until the file is small enough."""
 LOOKED_AT = 0.7
 """Height of the point the camera looks at, in standing heights of the robot."""
-SUN = np.array([0.0, 0.0, -3.0])
-"""m, from where its light starts to the point the camera looks at. Straight down: where its shadows
-end on a floor that is not across, there are specks."""
+SUN = np.array([0.0, 0.0, -9.5])
+"""From where its light starts to the point the camera looks at, in standing heights of the robot.
+Straight down: under slanting light, specks show on the floor where the shadow map ends."""
 TARGET_RGBA = (1.0, 0.12, 0.2, 1.0)
 TARGET_RADIUS = 0.095
 """In standing heights of the robot; larger than on the page, whose pictures are larger."""
@@ -90,7 +90,7 @@ def render_frames(spec: RobotSpec, recording: Recording, look: Look) -> np.ndarr
     data = mujoco.MjData(model)
     looked_at = smooth(recording.root_pos, 0.3 * recording.fps)
     looked_at[:, 2] = LOOKED_AT * spec.default_height()
-    camera = _camera(look, spec.default_height())
+    camera, sun = _camera(look, spec.default_height()), SUN * spec.default_height()
     pictures = []
     with Painter(model, look.width, look.height) as painter:
         for index in frame_indices(recording, look):
@@ -98,7 +98,7 @@ def render_frames(spec: RobotSpec, recording: Recording, look: Look) -> np.ndarr
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
             camera.lookat[:] = looked_at[index]
-            data.light_xpos[0] = looked_at[index] - SUN  # its shadows reach only so far
+            data.light_xpos[0] = looked_at[index] - sun  # its shadows reach only so far
             pictures.append(painter.draw(data, camera))
     return np.stack(pictures)
 

@@ -30,6 +30,9 @@ CAMERA = np.array([2.07, 0.95, 2.38])
 """Where the camera stands, in standing heights of the robot; meshcat turns its camera's frame so
 that y is up there: (x, z, -y) of the world.
 """
+LIGHT = np.array([1.6, 2.5, 9.5])
+"""Where the light that casts shadows hangs, in standing heights of the robot: above its head, and
+so far away that all of a robot of any size is in the cone."""
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -81,7 +84,7 @@ def world_commands(height: float) -> list[Command]:
         _property("Lights/FillLight/<object>", "position", [-2.0, -3.0, 10.0]),
         _property("Lights/SpotLight", "visible", True),  # for the shadows
         _property("Lights/SpotLight/<object>", "castShadow", True),
-        _property("Lights/SpotLight/<object>", "position", [0.5, 0.8, 3.0]),
+        _property("Lights/SpotLight/<object>", "position", (LIGHT * height).tolist()),
         _property("Lights/SpotLight/<object>", "intensity", 0.5),
         _property("Lights/SpotLight/<object>", "penumbra", 1.0),
         _property("Cameras/default/rotated/<object>", "position", (CAMERA * height).tolist()),

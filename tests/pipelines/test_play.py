@@ -167,12 +167,20 @@ def local_pose(command, fixed, path, frame):
     return pose
 
 
-def test_the_camera_stands_back_from_a_larger_robot(solo12):
+@pytest.mark.parametrize(
+    ("node", "metres"),
+    [("/Cameras/default/", [0.65, 0.3, 0.75]), ("/Lights/SpotLight/", [0.5, 0.8, 3.0])],
+)
+def test_camera_and_light_stand_back_from_a_larger_robot(solo12, node, metres):
     small, large = (
-        next(c["value"] for c in world_commands(height) if c["path"].startswith("/Cameras"))
+        next(
+            c["value"]
+            for c in world_commands(height)
+            if c["path"].startswith(node) and c["property"] == "position"
+        )
         for height in (solo12.default_height(), 1.0)
     )
-    assert small == pytest.approx([0.65, 0.3, 0.75], abs=2e-3)
+    assert small == pytest.approx(metres, abs=2e-2)
     assert np.allclose(large, np.array(small) / solo12.default_height())
 
 
