@@ -20,8 +20,10 @@ BEGUN = ".begun.json"
 """What the version was begun with."""
 CHECKPOINT = ".checkpoint.h5"
 """Ending of what a training goes on from."""
-PIECES = "pieces"
-"""Directory of what a retargeting goes on from."""
+FINISHED_CLIPS = "finished_clips"
+"""Directory of what a retargeting goes on from: each clip that it has finished, in a file."""
+FINISHED_CLIPS_BEFORE = "pieces"
+"""Name of this directory in earlier versions of lacoloco."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,12 @@ class Compared:
 
 def is_working(name: str) -> bool:
     """Whether a file or directory serves the unfinished version only, and goes with it."""
-    return name in (LOCK, BEGUN, PIECES) or name.startswith(TEMPORARY) or name.endswith(CHECKPOINT)
+    directories = (FINISHED_CLIPS, FINISHED_CLIPS_BEFORE)
+    return (
+        name in (LOCK, BEGUN, *directories)
+        or name.startswith(TEMPORARY)
+        or name.endswith(CHECKPOINT)
+    )
 
 
 def working_files(directory: Path) -> list[Path]:

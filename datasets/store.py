@@ -50,7 +50,7 @@ class StageDir:
     def complete(self) -> Path:
         """Give the directory its final name in one step; nothing made in it changes from then on.
 
-        What the work went on from (checkpoints, pieces) goes once the version is complete.
+        What the work went on from (checkpoints, finished clips) goes once the version is complete.
 
         Returns:
             Path of the artifact in its final place.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lacoloco.datasets.artifact import read_artifact, read_header
+from lacoloco.datasets.beside import FINISHED_CLIPS, FINISHED_CLIPS_BEFORE
 from lacoloco.datasets.clip import SCHEMA, Clip, clips_of
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.store import RunStore
@@ -59,7 +60,8 @@ def finished_clips(path: Path) -> Iterator[FinishedClip]:
     artifact = read_artifact(path, SCHEMA)
     rows = artifact.metadata["metrics"]["clips"]
     for clip, metrics in zip(clips_of(artifact), rows, strict=True):
-        folder = path.parent.parent if path.parent.name == "pieces" else path.parent
+        unfinished = path.parent.name in (FINISHED_CLIPS, FINISHED_CLIPS_BEFORE)
+        folder = path.parent.parent if unfinished else path.parent
         pictures = [picture_path(folder, clip.name)]
         if len(rows) == 1:
             pictures.append(folder / "report.png")
@@ -70,5 +72,6 @@ def finished_clips(path: Path) -> Iterator[FinishedClip]:
 def _candidates(store: RunStore, run: str, stage: str) -> Iterator[Path]:
     """Newest first."""
     for left in reversed(store.partials(run, stage)):
-        yield from sorted((left.path / "pieces").glob("*.h5"))
+        for name in (FINISHED_CLIPS, FINISHED_CLIPS_BEFORE):
+            yield from sorted((left.path / name).glob("*.h5"))
     yield from reversed(store.all(run, stage))

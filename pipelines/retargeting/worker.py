@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from lacoloco.datasets.beside import FINISHED_CLIPS
 from lacoloco.datasets.clip import save_clips
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.hashing import hash_file
@@ -176,7 +177,7 @@ def _refuse_unsolved(task: Task, result: Retargeted, findings: list[Finding]) ->
 
 def clip_path(folder: Path, key: str) -> Path:
     """Where the clip of a file lies until all are there."""
-    return folder / "pieces" / f"{key[:16]}.h5"
+    return folder / FINISHED_CLIPS / f"{key[:16]}.h5"
 
 
 def picture_path(folder: Path, name: str) -> Path:

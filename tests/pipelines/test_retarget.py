@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lacoloco.datasets.artifact import read_artifact
+from lacoloco.datasets.beside import FINISHED_CLIPS, FINISHED_CLIPS_BEFORE
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.errors import ConfigError, DatasetError
 from lacoloco.datasets.mocap import load_bvh
@@ -250,7 +251,8 @@ def test_only_what_is_missing_is_made(context, short_dog, monkeypatch):
     assert made == ["short"] * 3
 
 
-def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatch):
+@pytest.mark.parametrize("name", [FINISHED_CLIPS, FINISHED_CLIPS_BEFORE])
+def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatch, name):
     files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
     work = Worker.work
 
@@ -262,12 +264,14 @@ def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatc
     monkeypatch.setattr(Worker, "work", interrupted)
     with pytest.raises(KeyboardInterrupt):
         retarget_run(QUICK, context, sources=files, jobs=1)
-    assert context.store.partials("dog", "retarget")
+    (left,) = context.store.partials("dog", "retarget")
+    (left.path / FINISHED_CLIPS).rename(left.path / name)
     monkeypatch.setattr(Worker, "work", work)
     result = retarget_run(QUICK, replace(context, resume=True), sources=files, jobs=1)
     assert result.metrics["kept"] == 1
     assert not context.store.partials("dog", "retarget")
     assert [clip.name for clip in load_clips(result.artifact)] == ["short", "b"]
+    assert not (result.artifact.parent / name).exists()
 
 
 @pytest.mark.slow
