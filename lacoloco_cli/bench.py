@@ -161,10 +161,10 @@ def bench_gpu(
 ) -> None:
     """Everything about a GPU in one go: parity, the table of metrics, then trainings.
 
-    Figures are on disk after each row, trainings have checkpoints: it may be cut at any moment, and
-    the same command goes on with the trainings.
+    Metrics are on disk after each row, and trainings write checkpoints. So it may be interrupted at
+    any moment, and the same command goes on with the trainings.
     """
-    from lacoloco.pipelines.benchmarks.gpu import GpuBenchConfig
+    from lacoloco.pipelines.benchmarks.gpu import METRICS, GpuBenchConfig
     from lacoloco.pipelines.benchmarks.gpu import bench_gpu as measure
     from lacoloco.pipelines.train_low import PRESETS
 
@@ -175,8 +175,8 @@ def bench_gpu(
     if out is not None:
         check_folder("--out", out, session.store.root)
     answer = measure(GpuBenchConfig(worlds, seconds, minutes, preset), session.context(), out)
-    report = session.store.directory(session.run_name) / "figures.json"
-    session.answer({"figures": path_text(report), **answer}, lambda: _show_gpu(answer, report))
+    report = session.store.directory(session.run_name) / METRICS
+    session.answer({"metrics": path_text(report), **answer}, lambda: _show_gpu(answer, report))
 
 
 def check_folder(option: str, folder: Path, runs: Path) -> None:
@@ -185,13 +185,14 @@ def check_folder(option: str, folder: Path, runs: Path) -> None:
     Raises:
         UserError: It lies among the runs, holds something else, or cannot be made.
     """
-    from lacoloco.pipelines.benchmarks.gpu import FIGURES
+    from lacoloco.pipelines.benchmarks.gpu import METRICS, METRICS_BEFORE
 
     if among_runs(folder.resolve(), runs):
         raise UserError(f"{option} {folder}: runs hold what stages write; name another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        taken = any(folder.iterdir()) and not (folder / FIGURES).is_file()
+        ours = any((folder / name).is_file() for name in (METRICS, METRICS_BEFORE))
+        taken = any(folder.iterdir()) and not ours
     except OSError as error:
         raise UserError(f"{option} {folder}: {error.strerror}; name another folder") from error
     if taken:
@@ -215,7 +216,7 @@ def _show_gpu(answer: Mapping[str, Any], report: Path) -> None:
         came = row["status"] if error is None else f"error {100 * error:.1f} cm"
         spent = console.duration_text(row["wall_seconds"])
         typer.echo(f"{row['experiment']} {row['method']}: {came} after {spent}; run {row['run']}")
-    typer.echo(f"figures: {path_text(report)}")
+    typer.echo(f"metrics: {path_text(report)}")
 
 
 def _config(session: Session) -> BenchConfig:

@@ -28,7 +28,9 @@ from lacoloco.pipelines.sim.parity import check_parity
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.registry import load_robot
 
-FIGURES = "figures.json"
+METRICS = "metrics.json"
+METRICS_BEFORE = "figures.json"
+"""Name of this file in earlier versions of lacoloco."""
 PARITY_WORLDS = 256
 TRAININGS = (
     ("solo12-synthetic", "drail-cat"),
@@ -77,12 +79,12 @@ def bench_gpu(
 
     Args:
         config: how much.
-        context: device; the run's folder takes ``figures.json``, runs named after it the trainings.
+        context: device; the run's folder takes ``metrics.json``, runs named after it the trainings.
         out: a folder that takes copies, flat, of this file, the policies and the checkpoint of
             what was cut short.
 
     Returns:
-        What ``figures.json`` holds: machine, commit, command, ``parity``, ``rows`` and
+        What ``metrics.json`` holds: machine, commit, command, ``parity``, ``rows`` and
         ``trainings``.
 
     Raises:
@@ -169,7 +171,7 @@ class Report:
 
     def _write(self) -> None:
         for folder in self._places:
-            write_file(folder / FIGURES, json.dumps(self.content, indent=1).encode(), replace=True)
+            write_file(folder / METRICS, json.dumps(self.content, indent=1).encode(), replace=True)
 
 
 def _train_all(config: GpuBenchConfig, context: StageContext, report: Report) -> None:

@@ -51,7 +51,7 @@ def test_it_measures_the_whole_table_with_warp(store, monkeypatch, tmp_path):
     assert all(row["steps_per_second"] > 0 for row in answer["rows"])
     assert answer["trainings"] == []
     for folder in (tmp_path / "out", store.directory("bench-gpu")):
-        written = json.loads((folder / "figures.json").read_text())
+        written = json.loads((folder / "metrics.json").read_text())
         assert written["rows"] == answer["rows"]
         assert written["machine"]["torch"]
 
@@ -84,7 +84,7 @@ def test_what_is_known_is_on_disk_when_it_is_cut_short(store, measured, monkeypa
     monkeypatch.setattr(gpu_bench, "bench_train", broken)
     result = invoke(*TINY)
     assert result.exit_code == 2
-    written = json.loads((store.directory("bench-gpu") / "figures.json").read_text())
+    written = json.loads((store.directory("bench-gpu") / "metrics.json").read_text())
     assert [row["name"] for row in written["rows"]] == ["Solo12 env loop"]
 
 
@@ -95,7 +95,7 @@ def test_engines_that_disagree_end_it_before_anything_is_measured(store, measure
     monkeypatch.setattr(gpu_bench, "check_parity", differ)
     result = invoke(*TINY)
     assert result.exit_code == 2 and "differ in qpos" in result.stderr
-    assert json.loads((store.directory("bench-gpu") / "figures.json").read_text())["rows"] == []
+    assert json.loads((store.directory("bench-gpu") / "metrics.json").read_text())["rows"] == []
 
 
 def test_a_training_without_time_left_is_cut_short_and_said_so(store, measured, monkeypatch):

@@ -149,8 +149,10 @@ def test_a_folder_for_copies_of_a_benchmark_holds_nothing_else(tmp_path, artifac
     (taken / "notes.txt").write_text("mine")
     runs = RunStore().root
     check_folder("--out", new, runs)
-    (new / "figures.json").write_text("{}")
-    check_folder("--out", new, runs)
+    for ours in ("figures.json", "metrics.json"):
+        (new / ours).write_text("{}")
+        check_folder("--out", new, runs)
+        (new / ours).unlink()
     for folder in (taken, artifact.parent, taken / "notes.txt"):
         with pytest.raises(UserError, match="--out"):
             check_folder("--out", folder, runs)
