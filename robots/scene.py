@@ -68,6 +68,18 @@ def compile_scene(
     return spec.compile()
 
 
+def scene_xml(robot: RobotSpec) -> str:
+    """The same scene as MJCF, for programs without lacoloco.
+
+    Raises:
+        RobotError: As :func:`compile_scene`.
+    """
+    scenes: list[mujoco.MjSpec] = []
+    compile_scene(robot, change=scenes.append)
+    text: str = scenes[0].to_xml()
+    return text
+
+
 def contact_time(timestep: float) -> float:
     """Time constant of a contact, s: MuJoCo's first number of ``solref``, and the shortest that it
     keeps stable at that physics step.

@@ -53,7 +53,7 @@ def test_a_renamed_robot_goes_through_the_chain_and_outlives_its_folder(
     before = cli.answer("eval", *SMOKE)
     exported = cli.answer("export", *SMOKE)
     assert exported["max_abs_difference"] <= 1e-5
-    described = json.loads(Path(exported["onnx"]["low"]).with_suffix(".json").read_text())
+    described = json.loads((Path(exported["folder"]) / "policy.json").read_text())
     assert described["robot"] == "rover" and described["joint_names"][0] == "pl_spread"
     for stage in ("generate", "train-low", "train-high", "eval", "export"):
         header = read_header(cli.store.newest("own", stage))

@@ -16,6 +16,7 @@ from lacoloco.pipelines import evaluate, export, generate, switching, train_high
 from lacoloco.pipelines import play as playback
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation import rollout
+from lacoloco.pipelines.exporting import onnx_files
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -176,13 +177,14 @@ def test_h1_walks_the_same_chain(tmp_path):
 
 
 def test_export_agrees_with_torch_and_says_so(exported):
-    assert exported.metrics["max_abs_difference"] <= export.TOLERANCE
+    assert exported.metrics["max_abs_difference"] <= onnx_files.TOLERANCE
     artifact = read_artifact(exported.artifact, "lacoloco/export")
-    assert artifact.metadata["files"] == {"low": "low.onnx", "high": "high.onnx"}
     folder = exported.artifact.parent
+    assert {path.name for path in folder.iterdir()} == {"artifact.h5", *artifact.metadata["files"]}
+    beside = json.loads((folder / "policy.json").read_text())
+    hashes = beside.pop("sha256")
+    assert set(hashes) == {"low.onnx", "high.onnx", "robot.xml", "controller.py"}
     for role in ("low", "high"):
-        assert not list(folder.glob(f"{role}.onnx.*")), "one file, no weights beside it"
-        beside = json.loads((folder / f"{role}.json").read_text())
         assert beside == metadata_of(folder / f"{role}.onnx")
 
 
@@ -202,22 +204,24 @@ def test_exported_metadata_is_all_a_robot_needs(exported):
     assert metadata["action_scale"] == 1.5
     assert (metadata["control_dt"], metadata["decision_dt"]) == (0.02, 0.1)
     assert metadata["robot_model_sha256"] == spec.model_hash()
-    stops = [term["slice"] for term in metadata["observation_terms"]]
+    low = metadata["levels"]["low"]
+    assert all(term["meaning"] for term in low["observation_terms"])
+    stops = [term["slice"] for term in low["observation_terms"]]
     assert stops[0][0] == 0
     assert all(a[1] == b[0] for a, b in zip(stops[:-1], stops[1:], strict=True))
-    assert stops[-1][1] == metadata["inputs"]["observation"] == 46
+    assert stops[-1][1] == low["inputs"]["observation"] == 46
 
 
 def test_difference_beyond_the_tolerance_is_an_error(chain, exported, monkeypatch):
     _, policies = load_policies(chain.high.artifact, "high")
-    monkeypatch.setattr(export, "TOLERANCE", -1.0)
+    monkeypatch.setattr(onnx_files, "TOLERANCE", -1.0)
     recorded = (np.zeros((2, 44), np.float32),)
     with pytest.raises(StageError, match="high.onnx"):
-        export.largest_difference(
+        onnx_files.largest_difference(
             policies["high"],
             exported.artifact.parent / "high.onnx",
             recorded,
-            export.ExportConfig(random_rows=2),
+            2,
             0,
         )
 

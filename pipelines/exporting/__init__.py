@@ -1,0 +1,1 @@
+"""What `lacoloco export` writes: two networks, a description, a model and a controller."""
