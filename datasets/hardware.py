@@ -1,4 +1,4 @@
-"""What a machine is: recorded beside every figure that was measured on it."""
+"""What a machine is: recorded beside everything that was measured on it."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def bench_retarget(
     metrics = {"robot": robot, **speed, **starts}
 
     def show() -> None:
-        console.print_table(["figure", "value"], list(metrics.items()))
+        console.print_table(["metric", "value"], list(metrics.items()))
         console.print_table(list(rows[0]), [list(row.values()) for row in rows])
         console.print_table(list(verdicts[0]), [list(row.values()) for row in verdicts])
 
@@ -229,7 +229,7 @@ def _config(session: Session) -> BenchConfig:
 def _show(session: Session, metrics: Mapping[str, Any]) -> None:
     def show() -> None:
         facts = [(name, value) for name, value in metrics.items() if name != "shares"]
-        console.print_table(["figure", "value"], facts)
+        console.print_table(["metric", "value"], facts)
         if "shares" in metrics:
             shares = [(name, 100.0 * share) for name, share in metrics["shares"].items()]
             console.print_table(["part", "% of the time"], shares)

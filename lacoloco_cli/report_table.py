@@ -33,7 +33,7 @@ NAME = re.compile(r"[\w.+-]+")
 
 @dataclass(frozen=True)
 class Column:
-    """One figure of an evaluation.
+    """One metric of an evaluation.
 
     Attributes:
         heading: with the unit in brackets.
@@ -187,7 +187,7 @@ def _spread(rows: Sequence[Row], key: str) -> str:
 
 
 def _with_interval(row: Row, key: str) -> str:
-    """A figure, and its interval where the evaluation has one."""
+    """A metric, and its interval where the evaluation has one."""
     found = row.get("intervals", {}).get(key)
     text = _text(row[key], COLUMNS[key])
     return text if found is None else f"{text} {_edges(found, COLUMNS[key])}"

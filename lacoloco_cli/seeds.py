@@ -97,7 +97,7 @@ def contexts(session: Session, count: int) -> Iterator[StageContext]:
 
 
 def show(trained: Sequence[dict[str, Any]], shown: Sequence[str]) -> None:
-    """Print one column per seed, a row per figure, and where the artifacts are."""
+    """Print one column per seed, a row per metric, and where the artifacts are."""
     names = [name for name in ("method", *SPEED, *shown) if name in trained[0]]
     rows = [[name, *(one.get(name) for one in trained)] for name in names]
     console.print_table(["", *(f"seed {one['seed']}" for one in trained)], rows)

@@ -375,7 +375,7 @@ def test_no_input_ends_in_a_traceback_a_hang_or_without_memory(name, tmp_path):
 
 
 def main(count: int, seed: int) -> int:
-    """Try so many inputs, the readers in turns; print the figures and what was found."""
+    """Try so many inputs, the readers in turns; print the counts and what was found."""
     shares = dict.fromkeys(READERS, count // len(READERS))
     shares["settings"] += count - sum(shares.values())
     failed = 0

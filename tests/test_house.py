@@ -7,7 +7,11 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).parents[1]
-DIALECT = r"whoever|rematch|boldness|bold_share|second_chances|rehearsal|steered_falls|\bfacts \d"
+DIALECT = (
+    r"whoever|rematch|boldness|bold_share|bold spell|second.chance|rehears|steered.fall|steadiness"
+    r"|deterministic_share|head.start|beginnings|put_back|retries|taken_up|crowds|repertoire"
+    r"|performances|\btally\b|hip_columns|force_price|\bfacts \d"
+)
 """Words of before; CHANGELOG.md and the table of old names tell what they are called today."""
 OLD_NAMES = ("CHANGELOG.md", "datasets/old_names.py", "tests/test_house.py")
 ROBOTS = r"len\(.*feet\) *== *4|_solo_or|HAA|hip_roll"

@@ -218,7 +218,7 @@ class LeggedEnv:
         self.physics.reset(worlds, qpos, qvel)
         self._read(worlds)
         if self.guide is not None:
-            self.guide.settle(worlds, self.state, self.physics.qpos)
+            self.guide.reset_history(worlds, self.state, self.physics.qpos)
         self.action = self.action.clone()
         put(self.action, worlds, action)
 
@@ -330,7 +330,7 @@ class LeggedEnv:
         start = guide.walking_start(walking, self.physics.qpos, self.command)
         self.physics.reset(walking, *start)
         self._read(walking)
-        guide.settle(walking, self.state, self.physics.qpos)
+        guide.reset_history(walking, self.state, self.physics.qpos)
 
     def _read(self, restarted: torch.Tensor | None = None) -> None:
         self.state = RobotState.from_generalized(self.physics.qpos, self.physics.qvel)

@@ -79,8 +79,8 @@ class TrainStage:
         # A training without a checkpoint starts again, and its pretraining too.
         if pretraining and not has_checkpoint(directory.path):
             self.context.progress.say(pretraining)
-            if figures := trainer.pretrain():
-                said = (f"{name} {value:.3g}" for name, value in figures.items())
+            if reached := trainer.pretrain():
+                said = (f"{name} {value:.3g}" for name, value in reached.items())
                 self.context.progress.say(", ".join(said))
         metrics = train(
             trainer,

@@ -68,7 +68,7 @@ def test_a_renamed_robot_goes_through_the_chain_and_outlives_its_folder(
     different = {"artifact", "seeds_found", "seeds_asked"}
     assert {k: v for k, v in after.items() if k not in different} == {
         k: v for k, v in before.items() if k not in different
-    }, "the same figures, bit for bit"
+    }, "the same metrics, bit for bit"
     page = tmp_path / "page.html"
     assert cli.answer("play", "--html", str(page), *SMOKE)["robot"] == "rover"
     assert page.stat().st_size > 10_000

@@ -20,7 +20,7 @@ from lacoloco.pipelines.retargeting.worker import Worker
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.registry import load_robot
 
-FIGURES = {
+METRICS = {
     "frames",
     "keypoint_error_mean_m",
     "keypoint_error_max_m",
@@ -77,7 +77,7 @@ def short_dog(tmp_path):
 def test_the_bundled_dog_becomes_a_clip(context, whole_dog, config, worst_error):
     result = whole_dog if config == RetargetConfig() else retarget_run(config, context)
     (row,) = result.metrics["clips"]
-    assert set(row) >= FIGURES
+    assert set(row) >= METRICS
     assert row["frames"] == 721
     assert row["solver_failures"] == 0
     assert row["keypoint_error_mean_m"] < worst_error

@@ -19,7 +19,7 @@ OPTIMIZERS = ("optimizer", "discriminator_optimizer", "encoder_optimizer")
 
 
 def work(path):
-    """One process: a warm start and three iterations."""
+    """One process: behaviour cloning and three iterations."""
     with parallel.group("cpu"):
         spec = load_robot("solo12")
         clips = made_up_clips(spec, 2, seconds=1.0)
@@ -58,7 +58,7 @@ def test_two_processes_have_other_worlds_and_the_same_weights_bit_for_bit(tmp_pa
         assert torch.equal(value, theirs[name]), name
     assert len(first["worlds"]) == smoke().worlds // 2
     assert not torch.allclose(first["worlds"], second["worlds"], atol=1e-3)
-    assert first["falls"] == second["falls"], "figures are those of all worlds"
+    assert first["falls"] == second["falls"], "metrics are those of all worlds"
 
 
 def test_every_process_does_its_part(monkeypatch):

@@ -153,7 +153,7 @@ def test_of_a_stillness_only_its_ends_are_kept(resting, expected):
     assert list(cut_rests(still, (10, 100), config)) == expected
 
 
-def test_all_beginnings_swing_the_same_way(env):
+def test_all_standing_starts_swing_the_same_way(env):
     config = RecordingConfig(copies=2, starts=5, stops=0, min_segment_s=0.05)
     plan = plan_rollouts(env, config, seed=0)
     assert num_rollouts(3, config) == len(plan.rows) == 9

@@ -93,13 +93,13 @@ def test_rewards_are_means_over_the_five_steps_times_the_scale(make_trainer, mon
     assert torch.allclose(found[alive], first[alive], atol=1e-6)
 
 
-def test_contact_forces_above_the_limit_have_their_price(make_trainer):
-    """A quarter of all foot-substeps above it costs a quarter of the price, half of that half way
+def test_contact_forces_above_the_limit_have_their_penalty(make_trainer):
+    """A quarter of all foot-substeps above it costs a quarter of the penalty, half of that half way
     up its ramp, nothing before it.
     """
     rewards = []
-    for price, progress in ((None, 1.0), (8.0, 1.0), (8.0, 0.35), (8.0, 0.1)):
-        trainer = make_trainer(horizon=2, contact_force_penalty=price, std=(0.3, 0.3))
+    for penalty, progress in ((None, 1.0), (8.0, 1.0), (8.0, 0.35), (8.0, 0.1)):
+        trainer = make_trainer(horizon=2, contact_force_penalty=penalty, std=(0.3, 0.3))
         step = trainer.env.step
 
         def violating(z, step=step):

@@ -88,7 +88,7 @@ def test_transitions_begin_where_the_one_before_ended_or_in_a_new_episode(make_t
     assert (before[1:][~going_on][:, 3] < -0.9).all()
 
 
-def test_rehearsing_worlds_live_as_under_a_high_level(make_trainer):
+def test_long_horizon_worlds_live_as_under_a_high_level(make_trainer):
     trainer = make_trainer(long_horizon_fraction=0.25, long_horizon_from=0.5, randomisation=1.5)
     env, long_horizon = trainer.env, torch.arange(16) < 4
     trainer.iterate(0.49)

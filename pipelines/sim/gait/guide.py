@@ -133,9 +133,9 @@ class GaitGuide:
         ``phase`` (K,).
         """
         self.clock.reset(worlds, phase, torch.zeros_like(phase, dtype=torch.bool))
-        self.settle(worlds, state, qpos)
+        self.reset_history(worlds, state, qpos)
 
-    def settle(self, worlds: torch.Tensor, state: RobotState, qpos: torch.Tensor) -> None:
+    def reset_history(self, worlds: torch.Tensor, state: RobotState, qpos: torch.Tensor) -> None:
         """Forget how ``worlds`` moved before the states that all are in now."""
         feet = torch.stack([chain(qpos) for chain in self._feet], dim=1)
         for name, fresh in (
@@ -147,7 +147,7 @@ class GaitGuide:
             put(values, worlds, pick(fresh, worlds))
             setattr(self, name, values)
         if self._servo is not None:
-            self._servo.settle(worlds, qpos)
+            self._servo.reset_joints(worlds, qpos)
 
     def walking_start(
         self, worlds: torch.Tensor, qpos: torch.Tensor, command: torch.Tensor

@@ -56,7 +56,7 @@ class ReachServo:
         moved = self.joint_pos + CONTROL_DT * (rate.clamp(-SPEED, SPEED) + home)
         self.joint_pos = torch.minimum(torch.maximum(moved, self._lower), self._upper)
 
-    def settle(self, worlds: torch.Tensor, qpos: torch.Tensor) -> None:
+    def reset_joints(self, worlds: torch.Tensor, qpos: torch.Tensor) -> None:
         """Go on in ``worlds`` from where the joints of ``qpos`` (N, 7 + J) are."""
         self.joint_pos = self.joint_pos.clone()
         columns = [7 + joint for joint in self.joints]

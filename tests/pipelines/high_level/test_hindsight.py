@@ -33,15 +33,15 @@ def memory(moves, worlds=64, steps=6):
     quat = from_yaw(yaw).expand(steps, worlds, 4)
     place = torch.stack((yaw, -yaw, torch.full((worlds,), 0.25)), dim=-1).expand(steps, worlds, 3)
     along = torch.arange(steps).float()[:, None, None] * torch.tensor(moves)
-    tip = place + rotate(quat.reshape(-1, 4), along.expand(steps, worlds, 3).reshape(-1, 3)).view(
-        steps, worlds, 3
-    )
+    end_effector = place + rotate(
+        quat.reshape(-1, 4), along.expand(steps, worlds, 3).reshape(-1, 3)
+    ).view(steps, worlds, 3)
     return RelabellingBuffer(
         obs=torch.zeros(steps, worlds, 10),
         latent=torch.nn.functional.normalize(
             torch.randn(steps, worlds, 7, generator=generator()), dim=-1
         ),
-        end_effector=tip,
+        end_effector=end_effector,
         root_pos=place,
         root_quat=quat,
         segment_end=torch.full((steps, worlds), steps - 1),
@@ -104,11 +104,11 @@ def test_a_policy_learns_which_latent_leads_where():
     base = memory((0.0, 0.0, 0.0), worlds, steps)
     upright = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(steps, worlds, 4)
     latent = torch.nn.functional.pad(direction[:, :2], (0, 5)).expand(steps, worlds, 7)
-    tip = base.root_pos + 0.3 * torch.arange(steps)[:, None, None] * direction
+    end_effector = base.root_pos + 0.3 * torch.arange(steps)[:, None, None] * direction
     moving = RelabellingBuffer(
         **{
             **vars(base),
-            "end_effector": tip,
+            "end_effector": end_effector,
             "latent": latent,
             "root_quat": upright,
             "obs": torch.zeros(steps, worlds, 44),

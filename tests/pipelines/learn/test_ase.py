@@ -309,15 +309,15 @@ def test_the_anchor_holds_while_the_policy_says_otherwise(make_ase):
         return transitions, project(transitions[:, :LATENT])
 
     kept = {}
-    for anchor in (0.0, 1.0):
-        ase = make_ase(encoder_learning_rate=3e-3, labelled_encoder_weight=anchor)
+    for weight in (0.0, 1.0):
+        ase = make_ase(encoder_learning_rate=3e-3, labelled_encoder_weight=weight)
         ase.labelled = labelled
         ase.fit_encoder(100, batch=256)
         for _ in range(60):
             ase.compute_returns(fill(ase))
             ase.update()
         transitions, z = labelled(500, torch.Generator().manual_seed(5))
-        kept[anchor] = float(
+        kept[weight] = float(
             (ase.encoder(ase.normalizer(transitions)) * z).sum(dim=-1).mean().detach()
         )
     assert kept[1.0] > kept[0.0] + 0.05

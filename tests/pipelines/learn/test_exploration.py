@@ -52,7 +52,7 @@ def test_some_of_the_sampling_spells_are_bold():
     exploration.high_noise_scale = 4.0
     factors = seen(exploration)
     assert set(factors.unique().tolist()) == {0.0, 1.0, 4.0}
-    assert not factors[:, 1].any(), "the mean is never bold"
+    assert not factors[:, 1].any(), "the mean never has a larger noise scale"
     assert float((factors[:, [0, 2, 3]] == 4.0).float().mean()) == pytest.approx(0.25, abs=0.05)
 
 

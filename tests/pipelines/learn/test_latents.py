@@ -58,7 +58,7 @@ def test_a_reset_brings_a_new_latent():
 
 
 def test_latent_random_walks_move_on_in_small_steps_until_a_reset():
-    wandering = torch.arange(400) < 200
+    walking = torch.arange(400) < 200
     config = LatentConfig(
         min_steps=50,
         random_walk_step_size=(0.1, 0.1),
@@ -66,7 +66,7 @@ def test_latent_random_walks_move_on_in_small_steps_until_a_reset():
         resample_probability=0.0,
     )
     latents = LatentSchedule(400, config, seed=0)
-    latents.random_walk, latents.remaining = wandering, torch.where(wandering, 2, latents.remaining)
+    latents.random_walk, latents.remaining = walking, torch.where(walking, 2, latents.remaining)
     nobody = torch.zeros(400, dtype=torch.bool)
     before = latents.z
     latents.advance(nobody)
@@ -76,7 +76,7 @@ def test_latent_random_walks_move_on_in_small_steps_until_a_reset():
     assert torch.equal(cosine[200:].round(decimals=4), torch.ones(200)), "the others hold theirs"
     assert (cosine[:200] < 0.9999).all()
     assert 0.9 < float(cosine[:200].mean()) < 0.99
-    latents.advance(wandering)
+    latents.advance(walking)
     assert abs(float((latents.z * before).sum(dim=-1)[:200].mean())) < 0.1, (
         "a new episode, a new latent"
     )

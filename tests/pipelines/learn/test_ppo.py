@@ -61,7 +61,7 @@ def test_bold_steps_go_further_and_know_how_likely_that_was(make_ppo, observe):
 
 
 def test_bold_steps_pull_as_a_wider_gaussian_would(make_ppo, observe):
-    """The gradient of the surrogate is that of plain PPO whose std is the bold one."""
+    """The gradient of the surrogate is that of plain PPO whose std is the larger one."""
     gradients = []
     for std, high_noise_scale in ((0.6, 1.0), (0.2, 3.0)):
         ppo = make_ppo(horizon=1, high_noise_fraction=1.0)
@@ -74,8 +74,8 @@ def test_bold_steps_pull_as_a_wider_gaussian_would(make_ppo, observe):
         loss.backward()
         gradients.append([p.grad.clone() for p in ppo.actor.parameters() if p.grad is not None])
         assert float(metrics["kl"]) == pytest.approx(0.0, abs=1e-6)
-    for plain, bold in zip(*gradients, strict=True):
-        assert torch.allclose(plain, bold, atol=1e-5)
+    for plain, scaled in zip(*gradients, strict=True):
+        assert torch.allclose(plain, scaled, atol=1e-5)
     assert max(float(g.abs().max()) for g in gradients[0]) > 0
 
 

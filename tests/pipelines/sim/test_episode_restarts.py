@@ -36,7 +36,7 @@ def live(env, restarts, steps):
 
 
 @pytest.mark.parametrize("more", [1, 4, 10])
-def test_a_world_is_put_back_to_what_it_was(env, more):
+def test_a_world_is_restored_to_what_it_was(env, more):
     restarts = EpisodeRestarts(env, 7, 1.0, seed=0)
     seen = live(env, restarts, BACK + more)
     again = restarts.select(torch.tensor([True, False, True]))
@@ -61,7 +61,7 @@ def test_a_world_is_put_back_to_what_it_was(env, more):
     assert not latent[1].any()
 
 
-def test_a_fall_soon_after_a_reset_gets_no_second_chance(env):
+def test_a_fall_soon_after_a_reset_is_not_restarted(env):
     restarts, fell = EpisodeRestarts(env, 7, 1.0, seed=0), torch.ones(WORLDS, dtype=torch.bool)
     env.steps.fill_(BACK + 1)
     assert not restarts.select(fell).any(), "nothing is kept yet"
@@ -93,7 +93,7 @@ def test_a_world_that_falls_again_goes_back_to_the_same_place(env):
     assert not torch.equal(place, later)
 
 
-def test_a_new_episode_ends_the_retries(env):
+def test_a_new_episode_ends_the_restarts(env):
     restarts, everybody = EpisodeRestarts(env, 7, 1.0, seed=0), torch.ones(WORLDS, dtype=torch.bool)
     live(env, restarts, BACK + 1)
     again = restarts.select(everybody)
@@ -206,7 +206,7 @@ def test_snapshots_go_on_where_they_stopped(env):
     assert torch.equal(*latents)
 
 
-def test_snapshots_of_a_version_without_beginnings_are_left_out(env):
+def test_snapshots_of_a_version_without_episode_starts_are_left_out(env):
     first, second = EpisodeRestarts(env, 7, 1.0, seed=0), EpisodeRestarts(env, 7, 1.0, seed=9)
     live(env, first, BACK + 3)
     state = first.state_dict()

@@ -184,7 +184,7 @@ def test_warnings_are_said_once_and_those_that_hold_at_the_end_are_returned(tmp_
 
 def test_a_resumed_training_is_judged_by_its_whole_history(tmp_path, context):
     def count(history):
-        return [f"seen: {[figures['samples'] for figures in history]}"]
+        return [f"seen: {[metrics['samples'] for metrics in history]}"]
 
     with pytest.raises(KeyboardInterrupt):
         train(Walk(interrupt_at=2), 3, tmp_path, context, "walk")
