@@ -94,7 +94,7 @@ def bench_experts(
     episodes: Annotated[int, typer.Option(min=1, max=131_072, help="Per expert.")] = 1024,
     seconds: Annotated[float, typer.Option(min=0.1, max=600.0, help="Of an episode.")] = 10.0,
 ) -> None:
-    """Experts: falls and errors with motors as strong as they are and the pushes of their tasks."""
+    """Experts: falls and errors with real torque limits and the pushes of their tasks."""
     from lacoloco.datasets import published
     from lacoloco.pipelines.benchmarks import experts as bench
 
@@ -115,7 +115,7 @@ def bench_retarget(
     ] = None,
     robot: Robot = DEFAULT_ROBOT,
 ) -> None:
-    """Retargeting on one core: speed, what both modes make of the files, what they must show."""
+    """Retargeting on one core: speed and quality of both modes, and if they suffice."""
     from lacoloco.datasets.samples import DOG_BVH
     from lacoloco.pipelines.benchmarks import retargeting as bench
     from lacoloco.pipelines.retargeting.mocap.sources import find_recordings

@@ -84,12 +84,12 @@ def evaluate(
         Literal["hardware"] | None,
         typer.Option(
             "--shift",
-            help="Play the same episodes again with one thing at a time as on a real robot.",
+            help="Play the same episodes again with one effect of real hardware at a time.",
         ),
     ] = None,
     figure: Annotated[
         Path | None,
-        typer.Option("--figure", metavar="FILE", help="Draw the shift: a .png, .pdf or .svg."),
+        typer.Option("--figure", metavar="FILE", help="Picture of --shift: .png, .pdf or .svg."),
     ] = None,
     seeds: Seeds = 1,
     fill: Annotated[

@@ -66,7 +66,9 @@ class RetargetOptions:
     select: Annotated[
         str | None,
         typer.Option(
-            "--select", metavar="NAME|FILE", help="Use these files and parts only, e.g. paper-dogs."
+            "--select",
+            metavar="NAME|FILE",
+            help="Only the files and parts listed, e.g. paper-dogs.",
         ),
     ] = None
     trim: Annotated[
@@ -84,7 +86,9 @@ class RetargetOptions:
     bend: Annotated[
         float | None,
         typer.Option(
-            "--bend", metavar="1/M", help="Bend the animal's course to the left; negative: right."
+            "--bend",
+            metavar="RAD/M",
+            help="Bend the animal's course to the left by so much per metre; negative: right.",
         ),
     ] = None
     augment: Annotated[
@@ -112,15 +116,19 @@ class RetargetOptions:
     ] = None
     source_fps: Annotated[
         float | None,
-        typer.Option("--source-fps", help="Frames per second of the files, whatever they say."),
+        typer.Option("--source-fps", help="Frames per second; overrides what the files say."),
     ] = None
     swap_sides: Annotated[
         bool | None,
-        typer.Option("--swap-sides", help="Left is right in the files.", show_default=False),
+        typer.Option(
+            "--swap-sides", help="Exchange left and right in the files.", show_default=False
+        ),
     ] = None
     map: Annotated[
         str | None,
-        typer.Option("--map", metavar="FILE", help="Map of one's own from joints to the robot."),
+        typer.Option(
+            "--map", metavar="FILE", help="Your own map from joints of the files to the robot."
+        ),
     ] = None
     licence: Annotated[
         str | None, typer.Option("--licence", help="Licence of the files, kept with the clips.")

@@ -53,7 +53,7 @@ Executor = Annotated[
 ]
 Jobs = Annotated[
     int | None,
-    typer.Option("--jobs", min=1, help="So many jobs at a time; default: 1, on Slurm all."),
+    typer.Option("--jobs", min=1, help="Jobs at the same time; default: 1, on Slurm all."),
 ]
 Slurm = Annotated[
     list[str] | None,
@@ -74,7 +74,7 @@ FromScratch = Annotated[
     bool,
     typer.Option(
         "--from-scratch",
-        help="The whole chain, also where a published low level would do (quickstart).",
+        help="Train the low level, too, instead of using a published one (quickstart).",
     ),
 ]
 

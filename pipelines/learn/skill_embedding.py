@@ -119,8 +119,8 @@ def uniformity(z: torch.Tensor) -> torch.Tensor:
     Wang & Isola, "Understanding Contrastive Representation Learning through Alignment and
     Uniformity" (2020).
     """
-    # |z - z'|^2 = 2 - 2 z.z' on the sphere: a third of the time of all distances, which was more than
-    # half of a step of cloning.
+    # |z - z'|^2 = 2 - 2 z.z' on the sphere. This takes a third of the time of all distances, which
+    # was more than half of a step of cloning.
     count = len(z)
     cosines = (z @ z.T).fill_diagonal_(-torch.inf)
     return ((4.0 * cosines - 4.0).exp().sum() / (count * (count - 1))).log()
