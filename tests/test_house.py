@@ -9,7 +9,7 @@ import pytest
 CHECKOUT = Path(__file__).parents[1]
 DIALECT = (
     r"whoever|rematch|boldness|bold_share|bold spell|second.chance|rehears|steered.fall|steadiness"
-    r"|deterministic_share|head.start|beginnings|put_back|retries|taken_up|crowds|repertoire"
+    r"|deterministic_share|head.start|beginnings|put_back|retries|taken_up|crowds"
     r"|performances|\btally\b|hip_columns|force_price|\bfacts \d"
 )
 """Words of before; CHANGELOG.md and the table of old names tell what they are called today."""

@@ -20,8 +20,8 @@ from lacoloco.pipelines.generation.recorder import SKILLS
 from lacoloco.pipelines.low_level.expert_worlds import (
     ExpertWorlds,
     LabelledStates,
+    Repertoire,
     Student,
-    WatchedClips,
     resting_rows,
 )
 from lacoloco.pipelines.policies import Policy
@@ -57,7 +57,7 @@ class ExpertLabels:
                 name,
                 experts[name],
                 states,
-                _watched(spec, name, skill, library, states, commands),
+                _repertoire(spec, name, skill, library, states, commands),
                 worlds=worlds,
                 seed=seed,
             )
@@ -82,14 +82,14 @@ class ExpertLabels:
         return LabelledStates.joined([part[0] for part in collected]), 1000.0 * falls / steps
 
 
-def _watched(
+def _repertoire(
     spec: RobotSpec,
     name: str,
     skill: str,
     library: MotionLibrary,
     states: ClipStates,
     commands: torch.Tensor,
-) -> WatchedClips:
+) -> Repertoire:
     """What the expert of the task ``name`` watches: its own clips, and if it walks on command the
     others' as well, for which it comes to rest.
     """
@@ -101,7 +101,7 @@ def _watched(
     performed = torch.where(own[:, None], commands, 0.0)
     rest = resting_rows(spec, states)
     starts = torch.cat((rest, states.first))
-    return WatchedClips(clips, performed, torch.nonzero(own | stops).flatten(), stops, starts)
+    return Repertoire(clips, performed, torch.nonzero(own | stops).flatten(), stops, starts)
 
 
 def _numbers(library: MotionLibrary, states: ClipStates) -> torch.Tensor:

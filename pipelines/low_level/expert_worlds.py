@@ -51,7 +51,7 @@ class LabelledStates:
 
 
 @dataclass(frozen=True)
-class WatchedClips:
+class Repertoire:
     """What a policy is asked to perform while one expert watches.
 
     Attributes:
@@ -83,14 +83,14 @@ class ExpertWorlds:
         name: str,
         expert: Policy,
         states: ClipStates,
-        watched: WatchedClips,
+        repertoire: Repertoire,
         *,
         worlds: int,
         seed: int,
     ) -> None:
         """Build ``worlds`` worlds of the expert's task ``name``."""
         device = states.qpos.device
-        self._expert, self._states, self._watched = expert, states, watched
+        self._expert, self._states, self._repertoire = expert, states, repertoire
         self._scale = load_task(spec, "imitate").action_scale
         self._rests = spec.skills.walk_speed
         self.env = LeggedEnv(
@@ -112,7 +112,7 @@ class ExpertWorlds:
         Returns:
             The states; how many steps there were; how many robots fell.
         """
-        env, states, clips = self.env, self._states, self._watched.clips
+        env, states, clips = self.env, self._states, self._repertoire.clips
         steps = int((states.last[states.first[clips]] - states.first[clips]).min())
         handover = steps * self._uniform() * (self._uniform() < 0.5)
         self._begin(torch.ones_like(self._performs))
@@ -120,7 +120,7 @@ class ExpertWorlds:
         for step in range(steps):
             frame, last, row = style_frame(env.state), self._last_action, self._row
             speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
-            counts = ~self._watched.stops[row] | (speed > self._rests)
+            counts = ~self._repertoire.stops[row] | (speed > self._rests)
             action = student(torch.cat((frame, last), dim=-1), row)
             own = env.default_joint_pos + self._scale * action
             own[step < handover] = float("nan")
@@ -138,27 +138,27 @@ class ExpertWorlds:
         worlds = torch.nonzero(mask).flatten()
         if not len(worlds):
             return
-        env, states, watched = self.env, self._states, self._watched
+        env, states, repertoire = self.env, self._states, self._repertoire
         env.redraw(mask)
         env.reset(mask)
-        first = states.first[self._drawn(watched.clips, len(worlds))]
-        rest = self._drawn(watched.starts, len(worlds))
+        first = states.first[self._drawn(repertoire.clips, len(worlds))]
+        rest = self._drawn(repertoire.starts, len(worlds))
         performs = self._performs[worlds]
         begin = torch.where(performs, first, rest)
         still = torch.zeros_like(env.action[worlds])
         env.start_from(worlds, states.qpos[begin], states.qvel[begin], still)
         self._last_action[worlds] = still
         self._row[worlds], self._left[worlds] = begin, states.remaining[begin]
-        env.command[worlds] = watched.commands[begin]
+        env.command[worlds] = repertoire.commands[begin]
         self._take_up(mask & ~self._performs)
 
     def _take_up(self, mask: torch.Tensor) -> None:
         """Turn to another moment of some clip in the worlds of ``mask`` (N,) bool."""
         worlds = torch.nonzero(mask).flatten()
-        row = self._drawn(self._watched.rows, len(worlds))
+        row = self._drawn(self._repertoire.rows, len(worlds))
         self._row[worlds] = row
         self._left[worlds] = (HOLD_STEPS * self._uniform()[worlds]).long()
-        command, kind = self._watched.commands[row], self.env.task.command
+        command, kind = self._repertoire.commands[row], self.env.task.command
         assert kind is not None
         pose, recorded = self.env.physics.qpos[worlds, :7], self._states.qpos[row, :7]
         self.env.command[worlds] = kind.carried(command, recorded, pose)
@@ -168,7 +168,7 @@ class ExpertWorlds:
         self._row = self._row + follows
         self._left = self._left - 1
         # A clip's targets are where it was recorded, and who performs it set out from there.
-        asked = self._watched.commands[self._row]
+        asked = self._repertoire.commands[self._row]
         self.env.command = torch.where(follows[:, None], asked, self.env.command)
         self._take_up(~fell & ~self._performs & (self._left < 0))
         self._begin(fell)
