@@ -78,8 +78,8 @@ class ExpertLabels:
             The states, and falls per 1000 steps.
         """
         collected = [worlds.collect(student) for worlds in self.experts.values()]
-        steps, falls = (sum(part[index] for part in collected) for index in (1, 2))
-        return LabelledStates.joined([part[0] for part in collected]), 1000.0 * falls / steps
+        states, steps, falls = zip(*collected, strict=True)
+        return LabelledStates.joined(list(states)), 1000.0 * sum(falls) / sum(steps)
 
 
 def _repertoire(

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import torch
 
 from lacoloco.pipelines.generation.expert_trainer import without_noise
+from lacoloco.pipelines.learn.regression import fit_regression
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.clip_actions import ClipStates
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.state import RobotState, style_frame
+from lacoloco.pipelines.sim.step import Step
 from lacoloco.pipelines.sim.tasks import Task, load_task
 from lacoloco.robots.spec import RobotSpec
 
@@ -19,6 +21,12 @@ Student = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 """(N, F + A) observations and (N,) rows of the clips -> (N, A) mean actions under the latents of
 those rows.
 """
+PULL = 0.5
+"""Share by which the expert's clock follows the policy's motion in a control step. With 1 the
+walking expert of the H1 falls four times as often as with 0.5.
+"""
+LOST_STEPS = 20
+"""Control steps before a fall in which nothing could be saved any more."""
 HOLD_STEPS = 150
 """Longest time for which the latent of one moment is held [control steps], as in training."""
 
@@ -101,6 +109,7 @@ class ExpertWorlds:
         self._row = torch.zeros(worlds, dtype=torch.long, device=device)
         self._left = torch.zeros_like(self._row)
         self._last_action = torch.zeros_like(self.env.action)
+        self._phase: Callable[[torch.Tensor], torch.Tensor] | None = None
 
     def collect(self, student: Student) -> tuple[LabelledStates, int, int]:
         """Let the policy move for as long as the shortest clip, and ask the expert.
@@ -115,23 +124,59 @@ class ExpertWorlds:
         env, states, clips = self.env, self._states, self._repertoire.clips
         steps = int((states.last[states.first[clips]] - states.first[clips]).min())
         handover = steps * self._uniform() * (self._uniform() < 0.5)
+        if self._phase is None and env.guide is not None:
+            self._phase = self._learn_phase(steps)
         self._begin(torch.ones_like(self._performs))
-        kept, falls = [], 0
+        kept, counted, falls = [], [], 0
         for step in range(steps):
             frame, last, row = style_frame(env.state), self._last_action, self._row
             speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
-            counts = ~self._repertoire.stops[row] | (speed > self._rests)
-            action = student(torch.cat((frame, last), dim=-1), row)
-            own = env.default_joint_pos + self._scale * action
+            counted.append(~self._repertoire.stops[row] | (speed > self._rests))
+            observation = torch.cat((frame, last), dim=-1)
+            own = env.default_joint_pos + self._scale * student(observation, row)
             own[step < handover] = float("nan")
-            outcome = env.step(self._expert(env.observe()), instead=own)
-            asked = (env.joint_target - env.default_joint_pos) / self._scale
-            kept.append((frame[counts], last[counts], asked[counts], row[counts]))
-            self._last_action = torch.where(own.isnan(), asked, action)
+            if self._phase is not None and env.guide is not None:
+                env.guide.clock.pull(self._phase(observation), PULL)
+            outcome, asked, self._last_action = self._step(own)
+            kept.append((frame, last, asked, row))
             falls += int(outcome.fell.sum())
+            for lost in counted[-LOST_STEPS:]:
+                lost &= ~outcome.fell
             self._go_on(outcome.fell)
-        joined = LabelledStates(*(torch.cat(column) for column in zip(*kept, strict=True)))
+        known = torch.cat(counted)
+        joined = LabelledStates(*(torch.cat(column)[known] for column in zip(*kept, strict=True)))
         return joined, steps * env.num_worlds, falls
+
+    def _step(self, own: torch.Tensor) -> tuple[Step, torch.Tensor, torch.Tensor]:
+        """One control step towards ``own`` (N, J) [rad], the expert's targets where they are NaN.
+
+        Returns:
+            What happened; the expert's actions and those that were taken, (N, J) each, in units of
+            the imitation task.
+        """
+        env = self.env
+        outcome = env.step(self._expert(env.observe()), instead=own)
+        asked = (env.joint_target - env.default_joint_pos) / self._scale
+        taken = torch.where(own.isnan(), asked, (own - env.default_joint_pos) / self._scale)
+        return outcome, asked, taken
+
+    def _learn_phase(self, steps: int) -> Callable[[torch.Tensor], torch.Tensor]:
+        """(N, F + A) observations -> (N, 2) what the expert's clock shows while it moves that way.
+
+        A policy that lags behind the clock is told to do what it is late for. Two robots that move
+        alike would be told different things, and who learns from both learns neither.
+        """
+        env = self.env
+        assert env.guide is not None
+        self._begin(torch.ones_like(self._performs))
+        seen, shown = [], []
+        for _ in range(steps):
+            seen.append(torch.cat((style_frame(env.state), self._last_action), dim=-1))
+            shown.append(env.guide.clock.shown())
+            nobody = torch.full_like(env.action, float("nan"))
+            outcome, _, self._last_action = self._step(nobody)
+            self._go_on(outcome.fell)
+        return fit_regression(torch.cat(seen), torch.cat(shown), self._generator)
 
     def _begin(self, mask: torch.Tensor) -> None:
         """Begin anew in the worlds of ``mask`` (N,) bool: with a clip, or at rest."""

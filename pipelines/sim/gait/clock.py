@@ -58,6 +58,20 @@ class GaitClock:
         moved = (phase + CONTROL_DT / gait.period) % 1.0
         self.phase = torch.where(self.stepping, moved, phase)
 
+    def pull(self, shown: torch.Tensor, share: float) -> None:
+        """Move the running clocks by ``share`` of the way to where ``shown`` (N, 2) points: sine
+        and cosine of the phase as a robot's motion shows it; short where it does not.
+        """
+        angle = torch.atan2(shown[:, 0], shown[:, 1]) / (2.0 * math.pi)
+        off = (angle - self.phase + 0.5) % 1.0 - 0.5
+        sure = self.stepping & (torch.linalg.vector_norm(shown, dim=1) > 0.5)
+        self.phase = torch.where(sure, (self.phase + share * off) % 1.0, self.phase)
+
+    def shown(self) -> torch.Tensor:
+        """(N, 2) sine and cosine of the phase within the whole cycle; zeros where it rests."""
+        angle = 2.0 * math.pi * self.phase
+        return torch.stack((torch.sin(angle), torch.cos(angle)), dim=1) * self.stepping[:, None]
+
     def reset(self, worlds: torch.Tensor, phase: torch.Tensor, stepping: torch.Tensor) -> None:
         """Set the clocks of ``worlds``: rows (K,) of phases and of whether they run."""
         for name, values in (("phase", phase), ("stepping", stepping), ("_idle", 0.0)):

@@ -77,3 +77,16 @@ def test_a_standing_robot_that_drifts_or_tilts_steps(clock, sign):
     assert not clock.stepping
     advance(clock, NO, **{sign: getattr(clock.gait, f"start_{sign}") + 0.01})
     assert clock.stepping
+
+
+def test_a_running_clock_follows_a_motion_and_a_resting_one_does_not(h1):
+    clock = GaitClock(h1.gait, 3, torch.device("cpu"))
+    clock.reset(torch.arange(3), torch.full((3,), 0.9), torch.tensor([True, False, True]))
+    ahead = clock.shown()
+    clock.reset(torch.arange(3), torch.full((3,), 0.1), torch.tensor([True, False, True]))
+    shown = torch.stack((ahead[0], ahead[0], 0.1 * ahead[0]))
+    clock.pull(shown, 0.5)
+    # From 0.1 to 0.9 the way over 0 is the shorter one; the third motion shows nothing clearly.
+    expected = torch.tensor([0.0, 0.1, 0.1])
+    off = (clock.phase - expected + 0.5) % 1.0 - 0.5
+    assert torch.allclose(off, torch.zeros(3), atol=1e-6)
