@@ -7,9 +7,11 @@ ROOMS  := pipelines robots datasets
 TESTS  ?= -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-fast fuzz format format-check lint types build clean
+.PHONY: help demo check test test-fast fuzz soak format format-check lint types build clean
 # make fuzz INPUTS=100000 SEED=1: mutated inputs in all, and which ones
 INPUTS ?= 10000
+# make soak KILLS=200: how often a verb is killed
+KILLS  ?= 20
 SEED   ?= 0
 
 help:
@@ -19,6 +21,7 @@ help:
 	@echo "make format     ruff format            make lint       ruff check"
 	@echo "make types      mypy                   make build      wheel and sdist"
 	@echo "make fuzz       mutated inputs for every reader, INPUTS=10000"
+	@echo "make soak       every verb killed at random moments and resumed, KILLS=20"
 	@echo "make clean      remove what was built  TESTS='-k ase'  other options of pytest"
 
 demo: $(VENV)/.installed
@@ -34,6 +37,9 @@ test-fast: $(VENV)/.dev
 
 fuzz: $(VENV)/.dev
 	$(BIN)/python tests/test_fuzz.py $(INPUTS) $(SEED)
+
+soak: $(VENV)/.dev
+	$(BIN)/python tests/test_soak.py $(KILLS) $(SEED)
 
 format: $(VENV)/.dev
 	$(BIN)/ruff format .

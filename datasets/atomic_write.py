@@ -60,3 +60,23 @@ def remove_leftovers(directory: Path) -> None:
     """Delete the temporary files that killed writers left in a directory."""
     for leftover in directory.glob(f"{TEMPORARY}*"):
         leftover.unlink(missing_ok=True)
+
+
+def abandoned(directory: Path) -> list[Path]:
+    """The temporary files in a directory whose writer does not run any more, on this machine."""
+    found = []
+    for path in sorted(directory.glob(f"{TEMPORARY}*")):
+        writer = path.name.removeprefix(TEMPORARY).partition("-")[0]
+        if not (writer.isdecimal() and _runs(int(writer))):
+            found.append(path)
+    return found
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # somebody else's
+        return True
+    return True

@@ -11,13 +11,13 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 
 from lacoloco.datasets import locks
-from lacoloco.datasets.atomic_write import remove_leftovers, sync_directory, write_file
+from lacoloco.datasets.atomic_write import abandoned, remove_leftovers, sync_directory, write_file
 from lacoloco.datasets.beside import ARTIFACT, LOCK, PARTIAL, working_files
 from lacoloco.datasets.errors import ArtifactError, storage_errors
 from lacoloco.datasets.work import Work, in_one_line
@@ -26,7 +26,9 @@ _NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}")
 _COMPLETE = re.compile(r"(\d{4,})")
 _PARTIAL = re.compile(rf"\.(\d{{4,}})(?:-(.+))?\{PARTIAL}")
 _LAST = ".last"
+_BEGINNING = ".beginning"
 _REMOVED = ".removed"
+"""Endings of a directory that is not a partial one yet, and of one that is none any more."""
 _NUMBERING = ".numbering"
 """Locked while a partial directory is made, looked for, completed or removed."""
 
@@ -87,7 +89,8 @@ class StageDir:
             removed = self.path.with_suffix(_REMOVED)
             with _turn(self.final.parents[2]):
                 self.path.rename(removed)
-            shutil.rmtree(removed)
+            with suppress(FileNotFoundError):  # `clean` of another process was quicker
+                shutil.rmtree(removed)
         self._release()
 
     def held(self) -> bool:
@@ -210,11 +213,12 @@ class RunStore:
 
         Versions that another process works on are not among them.
         """
-        found: list[Path] = []
+        found = abandoned(self.root) + abandoned(self.directory(run))
         for stage in self.stages(run):
             found += [one.path for one in self.partials(run, stage) if not one.held()]
             for path in _list(self.directory(run, stage)):
-                if path.is_dir() and path.name.startswith(".") and path.suffix == _REMOVED:
+                hidden = path.is_dir() and path.name.startswith(".")
+                if hidden and path.suffix in (_BEGINNING, _REMOVED):
                     found.append(path)
             for artifact in self.all(run, stage):
                 found += working_files(artifact.parent)
@@ -234,7 +238,9 @@ class RunStore:
                     return False
             stage_dir.discard()
             return True
-        with storage_errors(path, "delete"):
+        with storage_errors(path, "delete"), _turn(self.root):  # nobody begins meanwhile
+            if not path.exists():
+                return False
             _delete(path)
         return True
 
@@ -293,10 +299,18 @@ class RunStore:
         stage_dir = StageDir(
             directory / f".{final.name}{f'-{label}' if label else ''}{PARTIAL}", final, label
         )
-        stage_dir.path.mkdir()
-        stage_dir._claim()
-        if work is not None:
-            work.write(stage_dir.path)
+        # It takes the name that --resume looks for once it says what it was begun with.
+        beginning = stage_dir.path.with_suffix(_BEGINNING)
+        _delete(beginning)  # of a call that was killed just here
+        beginning.mkdir()
+        try:
+            stage_dir._lock = locks.take(beginning / LOCK)
+            if work is not None:
+                work.write(beginning)
+            beginning.rename(stage_dir.path)
+        except BaseException:
+            shutil.rmtree(beginning, ignore_errors=True)
+            raise
         return stage_dir
 
     def _resumed(

@@ -35,7 +35,8 @@ def clean(session: Session, run: Cleaned = None, yes: Yes = False) -> None:
     store = session.store
     if run is not None and run not in store.runs():
         raise UserError(f"'{run}': no such run; runs: {', '.join(store.runs()) or 'none'}")
-    rows = [row for name in ([run] if run else store.runs()) for row in _left(store, name)]
+    found = [row for name in ([run] if run else store.runs()) for row in _left(store, name)]
+    rows = list({row["path"]: row for row in found}.values())  # some belong to all runs
     if yes:
         rows = [row for row in rows if store.clean(Path(row["path"]))]
 

@@ -25,6 +25,8 @@ from lacoloco.pipelines.retargeting.cache import (
     clip_keys,
     earlier_clips,
     finished_clips,
+    known_clips,
+    own_clips,
 )
 from lacoloco.pipelines.retargeting.config import RetargetConfig
 from lacoloco.pipelines.retargeting.mocap.selection import load_selection
@@ -94,11 +96,13 @@ def run(
     tasks, absent = _tasks(config, sources)
     worker = Worker(config, robot)
     keys, failures = _keys(worker, tasks)
-    earlier: dict[str, FinishedClip] = {}
-    if not force:
-        earlier = earlier_clips(context.store, context.run, STAGE, set(keys.values()))
     record = record_of(load_robot(robot))
     directory = context.begin(STAGE, context.work(config, record))
+    # A version that goes on takes what it made itself in any case.
+    candidates = own_clips(directory.path)
+    if not force:
+        candidates += known_clips(context.store, context.run, STAGE)
+    earlier = earlier_clips(candidates, set(keys.values()))
     todo = [task for task in tasks if task in keys and keys[task] not in earlier]
     for task, outcome in retarget_all(
         worker, config, robot, todo, directory.path, jobs, context.progress

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import reprlib
 import tomllib
 import types
 from collections.abc import Callable, Iterable, Mapping
@@ -157,8 +158,16 @@ def describe(kind: Any) -> str:
 
 def shown_value(value: object) -> str:
     """A TOML value in a message: short, and as it is written in the file."""
-    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    try:  # repr of a list that lies as deep as Python's stack fails, and of 5,000 digits
+        text = str(value).lower() if isinstance(value, bool) else _SHORT.repr(value)
+    except ValueError:
+        return "a number of too many digits"
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 100
+_SHORT.maxlist = _SHORT.maxdict = 20
 
 
 _NAMES: dict[Any, str] = {
@@ -188,9 +197,16 @@ def _read_list(kind: Any, arguments: tuple[Any, ...], value: object, place: Plac
     return tuple(read_value(a, v, place / i) for i, (a, v) in enumerate(pairs))
 
 
+def _finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number that no float holds
+        return False
+
+
 def _read_scalar(kind: Any, value: object, place: Place) -> Any:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if kind is float and number and math.isfinite(value):  # type: ignore[arg-type]
+    if kind is float and number and _finite(value):
         return float(value)  # type: ignore[arg-type]
     if kind is int and number and isinstance(value, int):
         return value

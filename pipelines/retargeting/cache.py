@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Set
+from collections.abc import Iterable, Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,10 +29,10 @@ class FinishedClip:
         return self.metrics["key"]
 
 
-def earlier_clips(store: RunStore, run: str, stage: str, keys: Set[str]) -> dict[str, FinishedClip]:
-    """Clips with these keys in complete versions of a stage and in what killed ones left."""
+def earlier_clips(candidates: Iterable[Path], keys: Set[str]) -> dict[str, FinishedClip]:
+    """Clips with these keys in some artifacts, of which those that come first count."""
     found: dict[str, FinishedClip] = {}
-    for path in _candidates(store, run, stage):
+    for path in candidates:
         try:
             if keys & set(clip_keys(path)) - set(found):
                 found |= {p.key: p for p in finished_clips(path) if p.key in keys - set(found)}
@@ -69,9 +69,13 @@ def finished_clips(path: Path) -> Iterator[FinishedClip]:
         yield FinishedClip(clip, metrics, picture)
 
 
-def _candidates(store: RunStore, run: str, stage: str) -> Iterator[Path]:
-    """Newest first."""
-    for left in reversed(store.partials(run, stage)):
-        for name in (FINISHED_CLIPS, FINISHED_CLIPS_BEFORE):
-            yield from sorted((left.path / name).glob("*.h5"))
-    yield from reversed(store.all(run, stage))
+def own_clips(folder: Path) -> list[Path]:
+    """The clips that an unfinished version has finished so far."""
+    names = (FINISHED_CLIPS, FINISHED_CLIPS_BEFORE)
+    return [path for name in names for path in sorted((folder / name).glob("*.h5"))]
+
+
+def known_clips(store: RunStore, run: str, stage: str) -> list[Path]:
+    """Clips that killed ones left of a stage, and its complete versions, newest first."""
+    left = [path for one in reversed(store.partials(run, stage)) for path in own_clips(one.path)]
+    return left + list(reversed(store.all(run, stage)))

@@ -150,6 +150,7 @@ class Worker:
             write_report(picture, result.assessment, metrics)
         finished = clip_path(folder, key)
         finished.parent.mkdir(exist_ok=True)
+        finished.unlink(missing_ok=True)  # a damaged one, or it would not be made again
         save_clips(
             finished,
             [result.clip],

@@ -10,6 +10,7 @@ from lacoloco.datasets.artifact import read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.lineage import lineage
 from lacoloco.datasets.store import RunStore
+from lacoloco.datasets.work import Work
 
 
 @pytest.fixture
@@ -160,6 +161,50 @@ def test_a_stage_killed_between_artifact_and_name_repeats_its_last_step(store):
     done = resumed.complete()
     assert [path.name for path in done.parent.iterdir()] == ["artifact.h5"]
     assert read_artifact(done).arrays["a"] == [1]
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from lacoloco.datasets.robot_record import RobotRecord
+from lacoloco.datasets.store import RunStore
+from lacoloco.datasets.work import Work
+
+store, last, count = RunStore(Path(sys.argv[1])), int(sys.argv[2]), 0
+
+
+def touched(event, about):
+    global count
+    if event in ("open", "os.mkdir", "os.rename") and sys.argv[1] in str(about[0]):
+        if count == last:
+            os.kill(os.getpid(), signal.SIGKILL)
+        count += 1
+
+
+sys.addaudithook(touched)
+store.use("dog")
+store.begin("dog", "train-low", work=Work({}, 0, RobotRecord("solo12", "abc")))
+print(count)
+"""
+
+
+def test_a_begun_version_says_what_it_was_begun_with_whenever_it_is_killed(tmp_path):
+    def begin(root, last):
+        command = [sys.executable, "-c", KILLED, str(root), str(last)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    count = int(begin(tmp_path / "all", -1).stdout)
+    assert count > 5
+    for last in range(count):
+        store = RunStore(tmp_path / str(last))
+        assert begin(store.root, last).returncode == -9
+        for left in store.partials("dog", "train-low"):
+            assert Work.read(left.path) is not None
+        for path in store.leftovers("dog"):
+            assert store.clean(path)
+        assert [path.name for path in store.root.rglob(".*")] in (
+            [[], [".last"], [".numbering"]] + [[".last", ".numbering"], [".numbering", ".last"]]
+        )
 
 
 def test_what_a_killed_stage_without_resumption_left_goes_with_the_next(store):

@@ -251,8 +251,9 @@ def test_only_what_is_missing_is_made(context, short_dog, monkeypatch):
     assert made == ["short"] * 3
 
 
+@pytest.mark.parametrize("force", [False, True], ids=["as it is", "by force"])
 @pytest.mark.parametrize("name", [FINISHED_CLIPS, FINISHED_CLIPS_BEFORE])
-def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatch, name):
+def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatch, name, force):
     files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
     work = Worker.work
 
@@ -263,11 +264,12 @@ def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatc
 
     monkeypatch.setattr(Worker, "work", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        retarget_run(QUICK, context, sources=files, jobs=1)
+        retarget_run(QUICK, context, sources=files, jobs=1, force=force)
     (left,) = context.store.partials("dog", "retarget")
     (left.path / FINISHED_CLIPS).rename(left.path / name)
     monkeypatch.setattr(Worker, "work", work)
-    result = retarget_run(QUICK, replace(context, resume=True), sources=files, jobs=1)
+    result = retarget_run(QUICK, replace(context, resume=True), sources=files, jobs=1, force=force)
+    assert result.metrics["skipped"] == []
     assert result.metrics["kept"] == 1
     assert not context.store.partials("dog", "retarget")
     assert [clip.name for clip in load_clips(result.artifact)] == ["short", "b"]

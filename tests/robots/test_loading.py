@@ -70,6 +70,17 @@ MISTAKES = [
     ),
     ("scale = 1.5 #", "scale = nan #", "actions.scale: expected a finite number, found nan"),
     ("scale = 1.5 #", "scale = inf #", "actions.scale: expected a finite number, found inf"),
+    ("scale = 1.5 #", f"scale = {'9' * 400} #", "actions.scale: expected a finite number, found 9"),
+    (
+        "scale = 1.5 #",
+        f"scale = 0x{'F' * 5000} #",
+        "actions.scale: expected a finite number, found a number of too many digits",
+    ),
+    (
+        "scale = 1.5 #",
+        f"scale = {'[' * 120}{']' * 120} #",
+        "actions.scale: expected a number, found [[[",
+    ),
     ("scale = 1.5 #", "scale = true #", "actions.scale: expected a number, found true"),
     ("scale = 1.5 #", 'scale = "1" #', "actions.scale: expected a number, found '1'"),
     (
