@@ -194,7 +194,8 @@ class _Hierarchy:
     def _offset(self, node: Node, words: list[str]) -> None:
         numbers = [_number(word) for word in words]
         if len(numbers) != 3 or None in numbers:
-            raise self._wrong(f"OFFSET {' '.join(words)[:40]}: three numbers are needed")
+            text = " ".join(words)[:40]
+            raise self._wrong(f"OFFSET {text}: three numbers are needed{_about_commas(text)}")
         node.offset = np.array(numbers, dtype=float)
 
     def _channels(self, node: Node, words: list[str]) -> None:
@@ -233,7 +234,7 @@ def _motion_header(path: Path, lines: list[str], first: int) -> tuple[int, float
     if frames is None or frames != frames // 1 or frames < 0:
         raise DatasetError(f"{path}: Frames: {found['FRAMES']!r} is no whole number")
     if frame_time is None or not 0 < frame_time < np.inf:
-        hint = "; write it with a point" if "," in found["FRAME TIME"] else ""
+        hint = _about_commas(found["FRAME TIME"])
         raise DatasetError(
             f"{path}: Frame Time: {found['FRAME TIME']!r} is no positive number of seconds{hint}"
         )
@@ -265,8 +266,11 @@ def _no_number(path: Path, lines: list[str], first: int) -> DatasetError:
         for word in line.split()
         if _number(word) is None
     )
-    hint = "; write numbers with a point" if "," in word else ""
-    return DatasetError(f"{path}: line {number}: {word[:40]!r} is no number{hint}")
+    return DatasetError(f"{path}: line {number}: {word[:40]!r} is no number{_about_commas(word)}")
+
+
+def _about_commas(text: str) -> str:
+    return "; write numbers with a point" if "," in text else ""
 
 
 def _frame_count(path: Path, declared: int, found: int) -> tuple[str, ...]:

@@ -181,6 +181,12 @@ def show(answer: Mapping[str, Any]) -> None:
     console.print_table(list(columns.values()), [[row[key] for key in columns] for row in rows])
     if columns is COLUMNS:
         show_intervals(rows)
+    for row in rows:
+        if row.get("diverged"):
+            console.note(
+                f"WARNING: {row['method']} seed {row['seed']}: {row['diverged']} worlds diverged;"
+                " they count as falls, and errors are those of the others"
+            )
     for row in rows if columns is COLUMNS else ():
         who = f"{row['method']} seed {row['seed']}"
         if row["not_reached"]:

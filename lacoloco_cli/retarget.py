@@ -146,6 +146,10 @@ class RetargetOptions:
         if self.mode not in (None, *MODES):
             raise UserError(f"--mode {self.mode}: use {' or '.join(MODES)}")
         given = {key: value for key, value in vars(self).items() if value is not None}
+        for name in ("unit", "source_fps", "fps"):  # zero in the config: nothing was given
+            if given.get(name) == 0:
+                option = f"--{name.replace('_', '-')}"
+                raise UserError(f"{option} 0: use a number above 0, or leave the option out")
         hints = dict(fields_of(type(config)))
         for name, value in given.items():
             check_value(value, hints[name], f"--{name.replace('_', '-')} {value}")

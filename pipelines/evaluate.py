@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -191,7 +192,8 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
 
 def _selection(row: dict[str, Any]) -> float:
     """What the best policy has least of, on episodes that are not reported."""
-    return -row["selection_reward"] if "task_reward" in row else row["selection_score_m"]
+    score = -row["selection_reward"] if "task_reward" in row else row["selection_score_m"]
+    return score if math.isfinite(score) else math.inf  # all of its worlds diverged
 
 
 def _reward_row(
@@ -238,6 +240,7 @@ def _row(
         "episodes": config.episodes,
         **reported.metrics(),
         "intervals": reported.intervals(),
+        "diverged": int(reported.diverged.sum()),
         "not_reached": int(reported.not_reached.sum()),
         "no_progress": int(reported.no_progress.sum()),
         "failure_clusters": reported.failure_clusters(),

@@ -28,12 +28,20 @@ def parse(text: str, file: Path) -> mujoco.MjSpec:
     """
     import mujoco
 
+    mujoco.set_mju_user_warning(_ignored)
     try:
         if _is_stored_in(file, text):
             return mujoco.MjSpec.from_file(str(file))
         return mujoco.MjSpec.from_string(without_meshes(text))
     except (ValueError, ElementTree.ParseError) as error:
         raise RobotError(f"{file}: MuJoCo cannot load it: {_first_line(error)}") from error
+
+
+def _ignored(warning: str) -> None:
+    """Take MuJoCo's warnings, which it would else write to MUJOCO_LOG.TXT where the user is.
+
+    A world that diverges is counted by the engine.
+    """
 
 
 @lru_cache(maxsize=8)

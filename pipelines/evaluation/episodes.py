@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -38,7 +40,10 @@ METRICS = (
 )
 SHARES = ("falls_pct", "not_reached_pct", "success_5cm_pct", "success_30cm_pct")
 """Metrics that are a share of the episodes."""
-OUTCOMES = ("error", "fell", "above_limit", "substeps", "samples", "samples_above", "samples_any")
+OUTCOMES = (
+    *("error", "fell", "above_limit", "substeps", "samples", "samples_above", "samples_any"),
+    "diverged",
+)
 """Fields of :class:`Episodes` that are counted while they are played."""
 
 
@@ -59,6 +64,8 @@ class Episodes:
         thresholds: of the robot: how near to a target is there.
         parameters: What differed between them, (E,) each; see
             :func:`lacoloco.pipelines.evaluation.failure_analysis.episode_parameters`.
+        diverged: (E,) bool, of those that fell, the episodes whose physics diverged: their errors
+            are no distances, and no part of the mean, spread and median; default: none.
     """
 
     error: np.ndarray
@@ -70,6 +77,12 @@ class Episodes:
     samples_any: np.ndarray
     thresholds: SkillThresholds
     parameters: Mapping[str, np.ndarray] = field(default_factory=dict)
+    diverged: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    def __post_init__(self) -> None:
+        """Count as diverged what is said to be, and what ended nowhere."""
+        told = self.diverged if len(self.diverged) else np.zeros(len(self.error), dtype=bool)
+        object.__setattr__(self, "diverged", told | ~np.isfinite(self.error))
 
     @property
     def not_reached(self) -> np.ndarray:
@@ -123,12 +136,19 @@ class Episodes:
                 found[name] = unanimous(value == 100.0, len(self.error))
         return found
 
+    def _of_error(self) -> tuple[Estimator, Estimator, Estimator]:
+        """Mean, spread and median of the error over the episodes that did not diverge."""
+        reductions = (np.mean, np.std, np.median)
+        error = self.error
+        if self.diverged.any():
+            reductions = (np.nanmean, np.nanstd, np.nanmedian)
+            error = np.where(self.diverged, np.nan, error)
+        mean, std, median = (partial(_over_known, reduce, error) for reduce in reductions)
+        return mean, std, median
+
     def _estimators(self) -> dict[str, Estimator]:
         """Every metric as a function of the numbers (R, E) of episodes."""
         above, feet = self.above_limit.sum(axis=1), self.above_limit.shape[1]
-
-        def mean(values: np.ndarray) -> Estimator:
-            return lambda rows: values[rows].mean(axis=1)
 
         def ratio(part: np.ndarray, whole: np.ndarray, each: int) -> Estimator:
             return lambda rows: (
@@ -139,9 +159,7 @@ class Episodes:
             return lambda rows: 100.0 * hit[rows].mean(axis=1)
 
         estimators = (
-            mean(self.error),
-            lambda rows: self.error[rows].std(axis=1),
-            lambda rows: np.median(self.error[rows], axis=1),
+            *self._of_error(),
             ratio(above, self.substeps, feet),
             ratio(self.samples_above.sum(axis=1), self.samples, feet),
             ratio(self.samples_any, self.samples, 1),
@@ -151,6 +169,15 @@ class Episodes:
             share(self.success(0.30)),
         )
         return dict(zip(METRICS, estimators, strict=True))
+
+
+def _over_known(
+    reduce: Callable[..., np.ndarray], values: np.ndarray, rows: np.ndarray
+) -> np.ndarray:
+    """A metric of those of the numbers (R, E) that are known; NaN where none is."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a row without any
+        return reduce(values[rows], axis=1)
 
 
 def play_episodes(
@@ -201,7 +228,8 @@ def _play(
     generator = torch.Generator().manual_seed(seed)
     given = {name: values.cpu().numpy().copy() for name, values in episode_parameters(base).items()}
     alive = torch.ones(worlds, dtype=torch.bool, device=env.device)
-    fell, error = torch.zeros_like(alive), torch.zeros(worlds, device=env.device)
+    fell, diverged = torch.zeros_like(alive), torch.zeros_like(alive)
+    error = torch.zeros(worlds, device=env.device)
     above = torch.zeros(worlds, len(spec.feet), device=env.device)
     lived = torch.zeros(worlds, device=env.device)
     samples, samples_any = torch.zeros_like(lived), torch.zeros_like(lived)
@@ -219,6 +247,7 @@ def _play(
         samples_above += decision.sampled_above & alive[:, None]
         samples_any += decision.sampled_above.any(dim=1) & alive
         fell |= decision.fell & alive
+        diverged |= decision.diverged & alive
         alive &= ~decision.done
     return Episodes(
         error=error.cpu().numpy(),
@@ -228,6 +257,7 @@ def _play(
         samples=samples.cpu().numpy(),
         samples_above=samples_above.cpu().numpy(),
         samples_any=samples_any.cpu().numpy(),
+        diverged=diverged.cpu().numpy(),
         thresholds=spec.skills,
         parameters=given,
     )

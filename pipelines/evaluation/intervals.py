@@ -46,10 +46,13 @@ def bootstrap(
         for name, estimate in estimators.items():
             values[name].append(estimate(chosen))
     tails = ((1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0)
-    return {
-        name: [float(edge) for edge in np.quantile(np.concatenate(parts), tails)]
-        for name, parts in values.items()
-    }
+    found = {}
+    for name, parts in values.items():
+        known = np.concatenate(parts)
+        known = known[~np.isnan(known)]  # a resample may hold no episode that has the metric
+        edges = np.quantile(known, tails) if len(known) else (math.nan, math.nan)
+        found[name] = [float(edge) for edge in edges]
+    return found
 
 
 def unanimous(all_of_them: bool, episodes: int) -> list[float]:

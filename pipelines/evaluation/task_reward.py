@@ -32,6 +32,7 @@ def task_reward(
     Returns:
         ``task_reward``, the mean reward per second of an episode's full length, where a fall ends
         the earning; ``falls_pct``, the share of episodes that end in a fall [%];
+        ``diverged``, how many of them because the physics diverged;
         ``contact_violation_pct``, the share of foot-substeps above the limit on the force [%];
         ``contact_violation_original_pct``, the same by the original's estimator, per foot [%].
     """
@@ -41,7 +42,8 @@ def task_reward(
     env = LatentSteeredEnv(base, low, low.head.sizes["latent"])
     generator = torch.Generator().manual_seed(seed)
     alive = torch.ones(episodes, dtype=torch.bool, device=env.device)
-    fell, earned = torch.zeros_like(alive), torch.zeros(episodes, device=env.device)
+    fell, diverged = torch.zeros_like(alive), torch.zeros_like(alive)
+    earned = torch.zeros(episodes, device=env.device)
     above, lived = torch.zeros_like(earned), torch.zeros_like(earned)
     sampled_above, sampled = torch.zeros_like(earned), torch.zeros_like(earned)
     decisions = task.episode_steps // HOLD_STEPS
@@ -57,10 +59,12 @@ def task_reward(
         sampled_above += decision.sampled_above.float().mean(dim=1) * alive
         sampled += decision.sampled & alive
         fell |= decision.fell & alive
+        diverged |= decision.diverged & alive
         alive &= ~decision.done
     # A decision's reward is the mean over its control steps of what each was paid for its 0.02 s.
     return {
         "task_reward": float(earned.mean()) / decisions / CONTROL_DT,
+        "diverged": int(diverged.sum()),
         "falls_pct": 100.0 * float(fell.float().mean()),
         "contact_violation_pct": 100.0 * float(above.sum() / lived.sum().clamp_min(1.0)),
         "contact_violation_original_pct": 100.0

@@ -38,6 +38,7 @@ class Decision:
             looks at the forces there only, at 10 Hz.
         sampled_above: (N, F) bool, of these, feet whose largest force in the last 15 ms of that
             step was above the limit. Six substeps of 3.3 ms: the last five.
+        diverged: (N,) bool, of those that fell, the worlds whose physics diverged.
     """
 
     reward: torch.Tensor
@@ -48,6 +49,7 @@ class Decision:
     substeps: torch.Tensor
     sampled: torch.Tensor
     sampled_above: torch.Tensor
+    diverged: torch.Tensor
 
     @property
     def done(self) -> torch.Tensor:
@@ -95,7 +97,7 @@ class LatentSteeredEnv:
         """
         env, n = self.env, self.num_worlds
         alive = torch.ones(n, dtype=torch.bool, device=self.device)
-        fell, timed_out = torch.zeros_like(alive), torch.zeros_like(alive)
+        fell, timed_out, diverged = (torch.zeros_like(alive) for _ in range(3))
         reward, error = torch.zeros(n, device=self.device), torch.zeros(n, device=self.device)
         above = torch.zeros(n, len(env.spec.feet), device=self.device)
         lived = torch.zeros(n, device=self.device)
@@ -112,12 +114,15 @@ class LatentSteeredEnv:
             if on_step is not None:
                 on_step(env)
             fell |= step.fell & alive
+            diverged |= ~step.valid & alive
             timed_out |= step.timed_out & alive
             alive &= ~step.done
         forces = env.physics.foot_force
         window = math.ceil(SAMPLED_SHARE * forces.shape[1])
         sampled_above = (forces[:, -window:] > self.limit).any(dim=1) & sampled[:, None]
-        return Decision(reward, fell, timed_out, error, above, lived, sampled, sampled_above)
+        return Decision(
+            reward, fell, timed_out, error, above, lived, sampled, sampled_above, diverged
+        )
 
     def reset(self, mask: torch.Tensor) -> torch.Tensor:
         """Start new episodes in the worlds of ``mask``; their last latent becomes zero.

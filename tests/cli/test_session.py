@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -117,6 +119,45 @@ def test_mistake_of_the_user_is_one_line_and_exit_code_2(kind):
     assert result.exit_code == 2
     assert result.stdout == ""
     assert result.stderr == "error: dog.bvh: has no frames; record again\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ENAMETOOLONG, "File name too long", "x.bvh"), "x.bvh: file name too long"),
+        (PermissionError(errno.EACCES, "Permission denied", "a"), "a: permission denied; check"),
+        (OSError(errno.ENOSPC, "No space left on device"), "no space left on device; make room"),
+    ],
+)
+def test_what_the_system_refuses_is_no_bug(error, said):
+    def body(session: Session) -> None:
+        raise error
+
+    result = invoke(body)
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"error: {said}")
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_missing_file_of_ours_is_a_bug():
+    def body(session: Session) -> None:
+        open("gone").close()
+
+    assert invoke(body).exit_code == 1
+
+
+def test_an_unknown_kind_of_opengl_is_named(monkeypatch):
+    code = (
+        "from lacoloco_cli.failures import explain\n"
+        "try:\n    import mujoco\n"
+        "except Exception as error:\n    print(explain(error))\n"
+    )
+    environment = {**os.environ, "MUJOCO_GL": "foo"}
+    ran = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    assert ran.stdout.startswith("('MUJOCO_GL=foo: does not work here")
+    assert ran.stdout.endswith(", 2)\n")
 
 
 def test_bug_is_one_line_and_exit_code_1():

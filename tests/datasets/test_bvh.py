@@ -156,7 +156,7 @@ def test_frame_times_that_are_cut_off_are_rates_of_whole_frames(tmp_path):
     ("old", "new", "words"),
     [
         ("5 12 90", "5 12,5 90", "line 25: '12,5' is no number; write numbers with a point"),
-        ("0.02", "0,02", "write it with a point"),
+        ("0.02", "0,02", "write numbers with a point"),
         ("5 12 90", "5 12", "last row has 2 of 3 numbers"),
         ("Frames: 2", "Frames: 2.5", "no whole number"),
         ("Frames: 2", "Frames: many", "no whole number"),
@@ -164,6 +164,7 @@ def test_frame_times_that_are_cut_off_are_rates_of_whole_frames(tmp_path):
         ("JOINT Fixed", "JOINT Arm", "line 10: two joints have the same name 'Arm'"),
         ("JOINT Fixed", "JOINT", "line 10: a JOINT has no name"),
         ("OFFSET 10 0 0", "OFFSET 10 0", "line 8: OFFSET 10 0: three numbers"),
+        ("OFFSET 10 0 0", "OFFSET 10,5 0 0", "three numbers are needed; write numbers with a p"),
         ("OFFSET 10 0 0\n", "\n", "'Arm' has no OFFSET"),
         ("CHANNELS 0", "CHANNELS 1 Wrotation", "line 13: CHANNELS 1 Wrotation"),
         ("CHANNELS 0", "CHANNELS 2 Xrotation", "line 13: CHANNELS 2 Xrotation"),
@@ -216,7 +217,7 @@ def test_a_reference_above_the_root_adds_a_node_only(shared):
 @pytest.mark.parametrize(
     ("case", "words"),
     [
-        ("comma_dec_motion", "write it with a point"),
+        ("comma_dec_motion", "write numbers with a point"),
         ("cut_mid_row", "last row has 44 of 66"),
         ("dup_names", "the same name 'Tail'"),
         ("ft_nan", "Frame Time: 'nan'"),

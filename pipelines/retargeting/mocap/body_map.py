@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from lacoloco.datasets.mocap import Mocap
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.forward_kinematics import FREE_BASE, BodyPositions
 from lacoloco.robots.spec import RobotSpec
+
+_TYPO = 0.9
+"""How alike a misspelt name and the right one are at least, see `difflib`."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +40,26 @@ class BodyMap:
         """The node of each leg that touches the ground; its foot where the file has no other.
 
         Raises:
-            DatasetError: The skeleton lacks a foot.
+            DatasetError: The skeleton lacks a foot, or a node that is said to touch the ground.
         """
         mocap.keypoints(self.feet)
+        self._check_ends(mocap)
         return tuple(
             next((end for end in ends if end in mocap.joint_names), foot)
             for ends, foot in zip(self.ends, self.feet, strict=True)
         )
+
+    def _check_ends(self, mocap: Mocap) -> None:
+        """Refuse a misspelt node: without it another one is taken, and the scale changes."""
+        named = {*self.hips, *self.feet, *(end for ends in self.ends for end in ends)}
+        others = [joint for joint in mocap.joint_names if joint not in named]
+        for ends in self.ends:
+            # Files leave out ends of limbs; then those of their joints are meant.
+            known = [end for end in ends if end.removesuffix("_end") in mocap.joint_names]
+            for end in ends:
+                likely = end not in mocap.joint_names and get_close_matches(end, others, 1, _TYPO)
+                if likely or not known:
+                    mocap.keypoints([end])
 
     def limbs(self, mocap: Mocap) -> list[tuple[str, ...]]:
         """The nodes of each leg from its hip down to the ground.

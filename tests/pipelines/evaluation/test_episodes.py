@@ -38,6 +38,29 @@ def short(monkeypatch):
     )
 
 
+def test_an_episode_that_diverged_is_a_fall_and_no_error():
+    nothing = np.zeros(4)
+    played = Episodes(
+        error=np.array([0.1, np.nan, 0.3, 7.0]),
+        fell=np.array([False, True, False, True]),
+        above_limit=np.zeros((4, 4)),
+        substeps=np.full(4, 20.0),
+        samples=nothing,
+        samples_above=np.zeros((4, 4)),
+        samples_any=nothing,
+        thresholds=THRESHOLDS,
+        diverged=np.array([False, False, False, True]),
+    )
+    assert played.diverged.tolist() == [False, True, False, True]
+    metrics = played.metrics()
+    assert metrics["ee_error_mean_m"] == pytest.approx(0.2)
+    assert metrics["ee_error_std_m"] == pytest.approx(0.1)
+    assert metrics["ee_error_median_m"] == pytest.approx(0.2)
+    assert metrics["falls_pct"] == 50.0
+    low, high = played.intervals()["ee_error_mean_m"]
+    assert 0.1 - 1e-9 <= low <= high <= 0.3 + 1e-9
+
+
 def test_metrics_by_hand():
     played = Episodes(
         error=np.array([0.01, 0.35, 0.03, 0.41]),
@@ -106,12 +129,14 @@ def test_an_episode_counts_until_it_ends_and_never_after(solo12, policies, short
             error, each = torch.tensor([1.0, 2.0]) / decision, torch.full((2,), 20.0)
             sampled = torch.tensor([decision < 2, True])
             above = torch.tensor([[True, False, False, True]]) & sampled[:, None]
-            return Decision(each, fell, timed_out, error, torch.ones(2, 4), each, sampled, above)
+            limits, lost = torch.ones(2, 4), torch.tensor([decision >= 2, decision > 4])
+            return Decision(each, fell, timed_out, error, limits, each, sampled, above, lost)
 
     monkeypatch.setattr(episodes, "LatentSteeredEnv", Scripted)
     played = play_episodes(solo12, policies, 2, worlds=2, seed=0)
     assert played.error.tolist() == [0.5, 0.5]
     assert played.fell.tolist() == [True, False]
+    assert played.diverged.tolist() == [True, False]
     assert played.substeps.tolist() == [40.0, 80.0]
     assert played.above_limit.tolist() == [[2.0] * 4, [4.0] * 4]
     assert played.samples.tolist() == [1.0, 4.0]

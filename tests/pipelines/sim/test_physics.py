@@ -1,6 +1,7 @@
 """The contract of `Physics`, on the CPU engine."""
 
 import math
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -205,6 +206,7 @@ def test_a_diverged_world_is_noticed_and_never_spreads(
     hold(healthy, 20)
     assert not physics.diverged.any()
     assert torch.equal(physics.qpos[[0, 2]], healthy.qpos[[0, 2]])
+    assert not Path("MUJOCO_LOG.TXT").exists()
 
 
 def test_a_world_that_diverges_twice_without_a_reset_is_noticed_twice(

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from lacoloco.datasets.mocap import load_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.config import RetargetConfig
+from lacoloco.pipelines.retargeting.mocap.body_map import body_map
 from lacoloco.pipelines.retargeting.mocap.skeleton_maps import (
     choose_map,
     load_map,
@@ -134,6 +137,25 @@ def test_a_frame_that_the_robot_has_not_is_named(change, words):
     skeleton = map_of({**TABLE, **change}, "arm", "arm.toml")
     with pytest.raises(StageError, match=words):
         mapped(load_robot("solo12"), skeleton)
+
+
+def test_a_misspelt_node_that_should_touch_the_ground_is_named():
+    """It is not passed over in silence, as an end that the file leaves out is."""
+    known = next(one for one in shipped_maps() if one.name == "mann-dog")
+    dog = load_bvh(DOG_BVH)
+    for names, sound in (
+        (("LeftHand_ned", "LeftHand"), False),
+        (("LeftHand_ned",), False),
+        (("LeftHand_end",), True),
+        (("front_toe.L", "LeftHand"), True),
+    ):
+        skeleton = replace(known, contacts={**known.contacts, "FL_FOOT": names})
+        feet = body_map(mapped(load_robot("solo12"), skeleton), skeleton.contacts)
+        if sound:
+            assert feet.limb_ends(dog)[0] in ("LeftHand", "LeftHand_end")
+        else:
+            with pytest.raises(DatasetError, match="no joint 'LeftHand_ned'; did you mean"):
+                feet.limb_ends(dog)
 
 
 @pytest.mark.parametrize(
