@@ -23,6 +23,7 @@ from lacoloco.datasets.beside import ARTIFACT, PARTIAL, seal
 from lacoloco.datasets.envelope import DAMAGED, NUMBERS, RawHeader, pack, unpack
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.hashing import hash_arrays, hash_content
+from lacoloco.datasets.metadata import checked
 from lacoloco.datasets.provenance import Parent
 from lacoloco.datasets.robot_record import RobotRecord
 
@@ -225,7 +226,7 @@ def _parse_header(path: Path, raw: RawHeader) -> Header:
             path=path,
             schema=text["schema"],
             schema_version=int(raw["schema_version"]),
-            metadata=dict(json.loads(text["metadata"])),
+            metadata=checked(text["schema"], dict(json.loads(text["metadata"])), str(path)),
             config=dict(json.loads(text["config"])),
             seed=None if seed is None else int(seed),
             robot=text.get("robot", ""),
@@ -240,6 +241,8 @@ def _parse_header(path: Path, raw: RawHeader) -> Header:
             robot_folder=text.get("robot_folder", ""),
             files=_texts(json.loads(text["files"])) if "files" in text else None,
         )
+    except ArtifactError:
+        raise
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ArtifactError(f"{path}: its header is {DAMAGED}") from error
 

@@ -24,8 +24,8 @@ REFUSED = {
     **dict.fromkeys((errno.EIO, errno.ESTALE), "check the disk"),
     errno.ENOMEM: "free memory, or ask for less",
 }
-"""What the system may refuse whoever asks -> what to do. A missing file is not among them: whoever
-opens one of ours looks first.
+"""What the system may refuse to any program -> what to do. A missing file is not among them: ours
+are looked for before they are opened.
 """
 
 

@@ -48,15 +48,19 @@ def best(session: Session) -> Path:
     Clocks go back, so times are not compared: an evaluation names the policies that it saw.
 
     Raises:
-        ArtifactError: The run has no high-level policy.
+        ArtifactError: The run has no high-level policy, or the evaluation does not fit.
     """
     from lacoloco.datasets.artifact import read_header
+    from lacoloco.datasets.errors import ArtifactError
 
     newest = session.store.newest(session.run_name, "train-high")
     for path in session.store.all(session.run_name, "eval")[-1:]:
         evaluation = read_header(path)
         seen = [parent.locate(path) for parent in evaluation.parents]
-        policy = seen[evaluation.metadata["rows"].index(evaluation.metadata["best"])]
+        rows, chosen = evaluation.metadata["rows"], evaluation.metadata["best"]
+        if chosen not in rows or len(rows) != len(seen):
+            raise ArtifactError(f"{path}: its rows are not those of its policies; evaluate again")
+        policy = seen[rows.index(chosen)]
         if policy.is_file() and newest.resolve() in (one.resolve() for one in seen):
             return policy
     return newest

@@ -6,6 +6,7 @@ Its further sub-commands have files of their own.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -193,11 +194,18 @@ def _verify(path: Path) -> dict[str, Any]:
         return {"path": str(path), "intact": False, "problems": [reason], "without_hash": []}
     # A source file may be gone, its hash is kept; one that differs is not what was used.
     intact = all(a.state == "missing" for a in lost) and not (beside.missing or beside.changed)
-    problems = [f"{name} beside it is missing" for name in beside.missing]
+    problems = [_incomplete(path, beside.missing)] if beside.missing else []
     problems += [f"{name} beside it does not match its hash" for name in beside.changed]
     problems += [f"{path_text(a.path)} is {a.state}" for a in lost]
     answer = {"path": str(path), "intact": intact, "problems": problems}
     return answer | {"without_hash": list(beside.unknown)}
+
+
+def _incomplete(path: Path, missing: Sequence[str]) -> str:
+    return (
+        f"not there beside it: {', '.join(missing)}; a version is copied as a whole folder"
+        f" ({path.parent.name}/), never {path.name} alone"
+    )
 
 
 def _remarks(result: dict[str, Any]) -> list[str]:

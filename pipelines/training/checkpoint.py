@@ -93,10 +93,24 @@ def restore_checkpoint(
             f"{path}: a checkpoint of another version of lacoloco; finish it with that version, or "
             "start the training again"
         )
+    iteration, elapsed = artifact.metadata["iteration"], float(artifact.metadata["elapsed_s"])
     state = unflatten_state(artifact.arrays, artifact.metadata["structure"])
+    try:
+        _restore(trainer, state, artifact.metadata.get("processes", 1), iteration, seed)
+        return iteration, elapsed, dict(state["metrics"])
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
+        told = " ".join(str(error).split())[:200]
+        raise ArtifactError(
+            f"{path}: is not of this training ({type(error).__name__}: {told}); start it again"
+        ) from error
+
+
+def _restore(
+    trainer: Trainer, state: dict[str, Any], processes: int, iteration: int, seed: int
+) -> None:
+    """Put the state of a checkpoint into the trainer and the generators."""
     state["trainer"] = _under_todays_names(state["trainer"])
-    iteration = int(artifact.metadata["iteration"])
-    if parallel.rank() == 0 and artifact.metadata.get("processes", 1) == parallel.size():
+    if parallel.rank() == 0 and processes == parallel.size():
         trainer.load_state_dict(state["trainer"])
         torch.set_rng_state(state["torch_rng"])
         if "cuda_rng" in state and torch.cuda.is_available():
@@ -107,7 +121,6 @@ def restore_checkpoint(
         # its share is another.
         trainer.load_state_dict(_with_own(state["trainer"], trainer.state_dict()))
         torch.manual_seed(parallel.own_seed(seed) + iteration)
-    return iteration, float(artifact.metadata["elapsed_s"]), state["metrics"]
 
 
 def _under_todays_names(state: dict[str, Any]) -> dict[str, Any]:

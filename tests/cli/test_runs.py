@@ -181,7 +181,10 @@ def link(page):
     [
         (flip, "page.html beside it does not match its hash"),
         (link, "page.html beside it does not match its hash"),
-        (lambda page: page.unlink(), "page.html beside it is missing"),
+        (
+            lambda page: page.unlink(),
+            "not there beside it: page.html; a version is copied as a whole folder",
+        ),
     ],
 )
 def test_verify_compares_the_files_beside_an_artifact(call, with_page, harm, said):

@@ -30,7 +30,7 @@ ARRAYS = {
 @pytest.fixture
 def write(tmp_path):
     def factory(name="artifact.h5", schema="lacoloco/motions", arrays=ARRAYS, **options):
-        defaults = {"metadata": {"clips": ["a", "b"]}, "config": {"rate": 0.1}, "seed": 7}
+        defaults = {"metadata": {"joint_names": ["a", "b"]}, "config": {"rate": 0.1}, "seed": 7}
         defaults["robot"] = ("solo12", "abc123")
         return write_artifact(tmp_path / name, schema, arrays, **{**defaults, **options})
 
@@ -51,7 +51,7 @@ def test_round_trip_keeps_every_bit_and_type(write):
         restored = result.arrays[name]
         assert (restored.dtype, restored.shape) == (array.dtype, array.shape)
         assert restored.tobytes() == array.tobytes()
-    assert result.metadata == {"clips": ["a", "b"]}
+    assert result.metadata == {"joint_names": ["a", "b"]}
     assert result.config == {"rate": 0.1}
     assert (result.seed, result.robot, result.robot_hash) == (7, "solo12", "abc123")
     assert result.command == "lacoloco retarget dog.bvh"

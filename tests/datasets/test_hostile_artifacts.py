@@ -224,6 +224,42 @@ def test_a_header_of_another_form_is_refused(path, name, text):
             read(path)
 
 
+@pytest.mark.parametrize(
+    ("schema", "key", "value"),
+    [
+        ("evaluation", "rows", [1]),
+        ("evaluation", "rows", []),
+        ("evaluation", "rows", [{"method": 5}]),
+        ("evaluation", "rows", [{"falls_pct": "3"}]),
+        ("evaluation", "rows", [{"episodes": -1}]),
+        ("evaluation", "best", None),
+        ("checkpoint", "iteration", "7"),
+        ("checkpoint", "iteration", -1),
+        ("checkpoint", "elapsed_s", float("nan")),
+        ("checkpoint", "processes", 0),
+        ("checkpoint", "structure", []),
+        ("policy", "heads", [60_000]),
+        ("policy", "task", {"text": 5}),
+        ("motions", "joint_names", "abc"),
+        ("playback", "recordings", [None]),
+    ],
+)
+def test_metadata_of_another_form_is_refused_when_it_is_read(tmp_path, schema, key, value):
+    path = tmp_path / "artifact.h5"
+    options = {"config": {}, "seed": 0, "robot": None}
+    write_artifact(path, f"lacoloco/{schema}", {}, metadata={key: value}, **options)
+    for read in (read_header, read_artifact):
+        with pytest.raises(ArtifactError, match=f"'{key}' in its metadata is of another form"):
+            read(path)
+
+
+def test_metadata_without_a_key_is_refused_when_it_is_needed(path):
+    metadata = read_header(path).metadata
+    assert metadata.get("rows") is None
+    with pytest.raises(ArtifactError, match="its metadata has no 'rows'"):
+        metadata["rows"]
+
+
 def test_parents_named_twice_are_followed_once(tmp_path):
     path = made(tmp_path / "0.h5")
     for index in range(1, 30):
