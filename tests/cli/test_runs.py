@@ -183,7 +183,8 @@ def link(page):
         (link, "page.html beside it does not match its hash"),
         (
             lambda page: page.unlink(),
-            "not there beside it: page.html; a version is copied as a whole folder",
+            "not there beside it: page.html; a version is copied as a whole folder (0001/), never"
+            " artifact.h5 alone",
         ),
     ],
 )
