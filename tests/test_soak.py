@@ -378,7 +378,7 @@ def _import_everything() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are forked")
 def test_killed_stages_lose_nothing_and_end_as_if_they_had_not_been(tmp_path):
-    command = [sys.executable, __file__, "4", "0", "generate", "retarget", "train-low"]
+    command = [sys.executable, __file__, "4", "0", "generate", "retarget"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     kills = re.search(r"^(\d+) kills", ended.stdout, re.MULTILINE)
