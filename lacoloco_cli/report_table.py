@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import statistics
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,8 @@ Row = Mapping[str, Any]
 SCHEMA = "lacoloco/evaluation"
 SUCCESS_M = {"success_5cm_pct": 0.05, "success_30cm_pct": 0.30}
 """Key of a success rate -> distance from the target [m] that counts as success."""
+WIDTH = 120
+"""Columns of the text that is written around tables."""
 HASH_LETTERS = 16
 """As many letters of a hash as a reader can compare."""
 NOTE_OVER_SEEDS = (
@@ -151,7 +154,7 @@ def table(rows: Sequence[Row]) -> list[str]:
     single = [method for method, seeds in by_method.items() if len(seeds) == 1]
     if single:
         note += f"{' ' if note else ''}One seed, so no spread: {', '.join(single)}."
-    return [*lines, "", note]
+    return [*lines, "", *_wrapped(note)]
 
 
 def origin(artifact: Artifact) -> list[str]:
@@ -160,13 +163,21 @@ def origin(artifact: Artifact) -> list[str]:
     policies = [
         f"`{_file(parent.path)}` {parent.sha256[:HASH_LETTERS]}" for parent in artifact.parents
     ]
-    return [
+    rows = [
         f"- command: `{artifact.command}`",
         f"- program: {program}, {artifact.created[:10]}",
         f"- hardware: {hardware(artifact.metadata.get('hardware'))}",
         f"- content hash of the evaluation: {artifact.content_hash[:HASH_LETTERS]}",
         f"- SHA-256 of the policies: {', '.join(policies)}",
     ]
+    return [line for row in rows for line in _wrapped(row, "  ")]
+
+
+def _wrapped(text: str, indent: str = "") -> list[str]:
+    """Lines of at most ``WIDTH`` columns, later ones indented; no word is cut."""
+    return textwrap.wrap(
+        text, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def hardware(machine: Mapping[str, Any] | None) -> str:
