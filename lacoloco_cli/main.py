@@ -12,7 +12,7 @@ import typer
 import typer.core
 import typer.main
 
-from lacoloco_cli.failures import USER_MISTAKE, explain
+from lacoloco_cli.failures import USER_MISTAKE, UserError, explain
 
 VERBS = {
     "generate": ("generate", "Record motions of expert policies, trained if need be."),
@@ -69,10 +69,21 @@ class FrontDoor(typer.core.TyperGroup):
         arguments = list(sys.argv[1:] if args is None else args)
         extra |= {"standalone_mode": False, "obj": {"arguments": arguments}}
         try:
+            _check_texts(arguments)
             code = super().main(args=arguments or ["--help"], **extra)
         except Exception as error:  # a usage error, or a verb that cannot even be imported
             code = _refuse(error, arguments)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+def _check_texts(arguments: Sequence[str]) -> None:
+    """Refuse what is no text: names of files may be, but not what is written into artifacts."""
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            shown = argument.encode(errors="backslashreplace").decode()
+            raise UserError(f"{shown}: is no UTF-8 text; rename the file") from None
 
 
 def _refuse(error: Exception, arguments: Sequence[str]) -> int:

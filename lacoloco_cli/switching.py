@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import AT_ONCE
 from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
@@ -61,6 +62,8 @@ def measure(
     from lacoloco.pipelines import switching as stage
 
     config = session.config(stage.PRESETS)
+    if out is not None and out.suffix.lower() != ".png":
+        raise UserError(f"{option} {out}: the picture is a PNG; give it a name that ends in .png")
     place = check_output(option, out, "png", session.store.root) if out is not None else None
     policy = resolve(policy) if policy else best(session)
     result = stage.run(

@@ -62,8 +62,14 @@ class Worker:
         """What a clip depends on, as 64 hexadecimal digits: equal keys, equal clips.
 
         Raises:
-            DatasetError: The file cannot be read.
+            DatasetError: The file cannot be read, or its name is no text.
         """
+        try:
+            str(task.path).encode()
+        except UnicodeEncodeError:
+            raise DatasetError(
+                f"{str(task.path)!r}: its name is no UTF-8 text; rename it"
+            ) from None
         depends = {
             "file": hash_file(task.path),
             "name": task.name,

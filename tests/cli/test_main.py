@@ -53,6 +53,12 @@ def test_misspelt_verb_is_refused_with_the_nearest():
     assert result.stderr.startswith("error: ") and "'retarget'" in result.stderr
 
 
+def test_an_argument_that_is_no_text_is_refused():
+    result = invoke("retarget", "walk\udcff.bvh")
+    assert result.exit_code == 2
+    assert result.stderr == "error: walk\\udcff.bvh: is no UTF-8 text; rename the file\n"
+
+
 def test_misspelt_option_is_one_line_also_as_json():
     result = invoke("doctor", "--jsn", "--json")
     assert result.exit_code == 2

@@ -137,6 +137,7 @@ def test_a_figure_is_drawn_instead_of_a_page(motions, tmp_path, monkeypatch):
     ("arguments", "hint"),
     [
         (["p.h5", "--figure", "a.png", "--clip", "circle"], "--clip"),
+        (["p.h5", "--figure", "a.bmp"], "a name that ends in .png"),
         (["p.h5", "--figure", "/gone/a.png"], "/gone/a.png"),
         (["--motions", "m.h5"], "--figure"),
         (["--figure", "a.png"], "train-high"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections import Counter
 from collections.abc import Sequence
 from glob import glob, has_magic
 from pathlib import Path
@@ -20,15 +22,23 @@ def find_recordings(inputs: Sequence[str | Path]) -> list[Path]:
     Raises:
         StageError: A folder or a pattern that gives nothing.
     """
-    found: dict[Path, None] = {}
+    found: dict[tuple[str, str], Path] = {}
     for item in inputs:
-        found |= dict.fromkeys(_expanded(item))
-    return list(found)
+        for path in _expanded(item):
+            found.setdefault((os.path.realpath(path), path.stem), path)
+    return list(found.values())
 
 
 def clip_names(paths: Sequence[Path]) -> list[str]:
-    """One name per file: its stem, with the folders above it as far as that is ambiguous."""
-    names = [path.stem for path in paths]
+    """One name per file: its stem, with its ending or the folders above it as far as that is
+    ambiguous.
+    """
+    places = [(os.path.realpath(path.parent), path.stem) for path in paths]
+    beside = Counter(places)
+    names = own = [
+        path.name if beside[place] > 1 else path.stem
+        for path, place in zip(paths, places, strict=True)
+    ]
     # Resolved and without their root, so that a name never leads out of the folder it is used in.
     folders = [path.resolve().parts[1:-1] for path in paths]
     for depth in range(1, max((len(parts) + 1 for parts in folders), default=1)):
@@ -36,8 +46,8 @@ def clip_names(paths: Sequence[Path]) -> list[str]:
         if not repeated:
             break
         names = [
-            "/".join([*parts[-depth:], path.stem]) if name in repeated else name
-            for name, path, parts in zip(names, paths, folders, strict=True)
+            "/".join([*parts[-depth:], one]) if name in repeated else name
+            for name, one, parts in zip(names, own, folders, strict=True)
         ]
     return names
 

@@ -37,6 +37,20 @@ def test_a_name_with_brackets_that_exists_is_no_pattern(tmp_path):
     assert find_recordings([path]) == [path]
 
 
+def test_one_file_by_two_ways_is_one_recording(folder):
+    (folder / "link.bvh").symlink_to(folder / "b.bvh")
+    (folder / "again").symlink_to(folder)
+    found = find_recordings([folder / "b.bvh", folder / "again/b.bvh", folder / "link.bvh"])
+    assert names(found) == ["b.bvh", "link.bvh"], "a link of another name may be meant"
+
+
+def test_files_whose_endings_differ_have_names_of_their_own():
+    """Else two clips would share a name, and a picture."""
+    paths = [Path("d/walk.bvh"), Path("d/walk.BVH"), Path("d/run.bvh")]
+    assert clip_names(paths) == ["walk.bvh", "walk.BVH", "run"]
+    assert clip_names([*paths, Path("e/walk.bvh")]) == ["walk.bvh", "walk.BVH", "run", "walk"]
+
+
 def test_nothing_found_is_said(tmp_path):
     with pytest.raises(StageError, match=r"no \.bvh file"):
         find_recordings([tmp_path])
