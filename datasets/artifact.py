@@ -19,7 +19,7 @@ import numpy as np
 
 from lacoloco.datasets import provenance
 from lacoloco.datasets.atomic_write import write_file
-from lacoloco.datasets.beside import ARTIFACT, PARTIAL, seal
+from lacoloco.datasets.beside import ARTIFACT, PARTIAL, inputs_at, seal
 from lacoloco.datasets.envelope import DAMAGED, NUMBERS, RawHeader, pack, unpack
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.hashing import hash_arrays, hash_content
@@ -131,7 +131,7 @@ def write_artifact(
         "command": command.encode(),
         "metadata": _to_json(metadata),
         "config": _to_json(config),
-        "parents": _to_json(provenance.describe_parents(path, parents)),
+        "parents": _to_json(provenance.describe_parents(path, parents, inputs_at(path.parent))),
     }
     if seed is not None:
         header["seed"] = int(seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +25,17 @@ FINISHED_CLIPS = "finished_clips"
 """Directory of what a retargeting goes on from: each clip that it has finished, in a file."""
 FINISHED_CLIPS_BEFORE = "pieces"
 """Name of this directory in earlier versions of lacoloco."""
+
+
+def inputs_at(directory: Path) -> dict[Path, str]:
+    """Absolute path -> SHA-256 of what an unfinished version was begun on; empty where that is not
+    kept.
+    """
+    try:
+        inputs = json.loads((directory / BEGUN).read_text(encoding="utf-8"))["inputs"]
+        return {Path(one["path"]).absolute(): str(one["sha256"]) for one in inputs or ()}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
 @dataclass(frozen=True)

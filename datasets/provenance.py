@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -40,8 +40,16 @@ class Parent:
         return Path(os.path.normpath(artifact.absolute().parent / self.path))
 
 
-def describe_parents(artifact: Path, parents: Sequence[Path]) -> list[Parent]:
+def describe_parents(
+    artifact: Path, parents: Sequence[Path], hashes: Mapping[Path, str] | None = None
+) -> list[Parent]:
     """Record the files that the artifact to be written at `artifact` was made of.
+
+    Args:
+        artifact: the file to be written.
+        parents: what it was made of.
+        hashes: absolute path -> SHA-256 of those that were hashed when the work began; they may
+            have changed since, or be gone. The others are hashed now.
 
     Raises:
         ArtifactError: a parent is missing or cannot be read.
@@ -56,7 +64,8 @@ def describe_parents(artifact: Path, parents: Sequence[Path]) -> list[Parent]:
         name = os.path.relpath(path, directory) if inside else str(path)
         if path.resolve().parent == published.FOLDER.resolve():
             name = _PUBLISHED + path.name
-        described.append(Parent(Path(name).as_posix(), hash_file(path)))
+        digest = (hashes or {}).get(path) or hash_file(path)
+        described.append(Parent(Path(name).as_posix(), digest))
     return described
 
 

@@ -112,6 +112,7 @@ def run(
             continue
         for warning in outcome:
             context.progress.say(f"{task.name}: {warning}")
+    _check_unchanged(worker, keys, failures)
     made = _collect(tasks, keys, failures, earlier, directory)
     if not made:
         directory.discard()
@@ -163,6 +164,21 @@ def _keys(
         except DatasetError as error:
             failures[task] = error
     return keys, failures
+
+
+def _check_unchanged(
+    worker: Worker, keys: Mapping[Task, str], failures: Mapping[Task, Exception]
+) -> None:
+    """Refuse to write clips beside the hash of a file that they are not of."""
+    now = _keys(worker, [task for task in keys if task not in failures])
+    for task, error in now[1].items():
+        raise StageError(f"{task.path}: is gone since it was retargeted: {error}") from error
+    for task, key in now[0].items():
+        if keys[task] != key:
+            raise StageError(
+                f"{task.path}: has changed since the call began; give the same command again, the"
+                " clips of the other files are kept"
+            )
 
 
 def _collect(

@@ -130,6 +130,8 @@ class Worker:
         """
         key = self.key(task)
         mocap, reading, retargeter, findings = self.read(task)
+        if self.key(task) != key:
+            raise DatasetError(f"{task.path}: was written to while it was read; try again")
         known = SAMPLE_LICENCE if task.path.resolve() == DOG_BVH.resolve() else "unknown"
         result = retargeter.clip(
             mocap,

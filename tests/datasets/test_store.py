@@ -9,6 +9,8 @@ import pytest
 from lacoloco.datasets.artifact import read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.lineage import lineage
+from lacoloco.datasets.provenance import Parent
+from lacoloco.datasets.robot_record import RobotRecord
 from lacoloco.datasets.store import RunStore
 from lacoloco.datasets.work import Work
 
@@ -205,6 +207,22 @@ def test_a_begun_version_says_what_it_was_begun_with_whenever_it_is_killed(tmp_p
         assert [path.name for path in store.root.rglob(".*")] in (
             [[], [".last"], [".numbering"]] + [[".last", ".numbering"], [".numbering", ".last"]]
         )
+
+
+@pytest.mark.parametrize("harm", ["changed", "gone"])
+def test_the_lineage_has_the_hash_of_what_was_used(store, tmp_path, harm):
+    """Not of what lies there hours later, when the artifact is written."""
+    source = tmp_path / "motions.bvh"
+    source.write_bytes(b"before")
+    digest = hashlib.sha256(b"before").hexdigest()
+    inputs = (Parent(str(source), digest),)
+    stage_dir = store.begin("dog", "train-low", work=Work({}, 0, RobotRecord("a", "b"), inputs))
+    source.unlink()
+    if harm == "changed":
+        source.write_bytes(b"after")
+    write(stage_dir.file("artifact.h5"), parents=[source])
+    (_, parent) = lineage(stage_dir.complete())
+    assert (parent.sha256, parent.state) == (digest, "missing" if harm == "gone" else "changed")
 
 
 def test_what_a_killed_stage_without_resumption_left_goes_with_the_next(store):

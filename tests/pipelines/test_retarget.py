@@ -9,6 +9,7 @@ from lacoloco.datasets.artifact import read_artifact
 from lacoloco.datasets.beside import FINISHED_CLIPS, FINISHED_CLIPS_BEFORE
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.errors import ConfigError, DatasetError
+from lacoloco.datasets.lineage import lineage
 from lacoloco.datasets.mocap import load_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.datasets.store import RunStore
@@ -249,6 +250,24 @@ def test_only_what_is_missing_is_made(context, short_dog, monkeypatch):
     retarget_run(QUICK, context, sources=files[:1])
     retarget_run(QUICK, context, sources=files[:1], force=True)
     assert made == ["short"] * 3
+
+
+def test_a_recording_that_changes_meanwhile_is_not_kept(context, short_dog, monkeypatch):
+    files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
+    work = Worker.work
+
+    def changed(self, task, *rest):
+        if task.name == "b":
+            files[0].write_bytes(files[0].read_bytes() + b"\n")
+        return work(self, task, *rest)
+
+    monkeypatch.setattr(Worker, "work", changed)
+    with pytest.raises(StageError, match=r"short\.bvh: has changed since the call began"):
+        retarget_run(QUICK, context, sources=files, jobs=1)
+    monkeypatch.setattr(Worker, "work", work)
+    result = retarget_run(QUICK, context, sources=files, jobs=1)
+    assert result.metrics["kept"] == 1
+    assert [one.state for one in lineage(result.artifact)] == ["ok"] * 3
 
 
 @pytest.mark.parametrize("force", [False, True], ids=["as it is", "by force"])
