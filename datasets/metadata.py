@@ -59,6 +59,10 @@ def _or_none(check: Check) -> Check:
     return lambda value: value is None or check(value)
 
 
+def _either(first: Check, second: Check) -> Check:
+    return lambda value: first(value) or second(value)
+
+
 def _every(check: Check) -> Check:
     return lambda value: (
         isinstance(value, list) and len(value) <= LONGEST and all(map(check, value))
@@ -129,7 +133,8 @@ FORMS: dict[str, dict[str, Check]] = {
         "hardware": _table(),
     },
     "lacoloco/playback": {"recordings": _every(_table())},
-    "lacoloco/export": {"files": _table(), "max_abs_difference": _metric},
+    # A table of the two networks before the folder had more files.
+    "lacoloco/export": {"files": _either(_every(_text), _table()), "max_abs_difference": _metric},
     "lacoloco/switching": {
         "skills": _every(_text),
         "fps": lambda value: _number(0.0, 1e6)(value) and math.isfinite(value),

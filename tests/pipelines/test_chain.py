@@ -17,6 +17,7 @@ from lacoloco.pipelines import play as playback
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation import rollout
 from lacoloco.pipelines.exporting import onnx_files
+from lacoloco.pipelines.exporting.controller import Controller, Safety, Sensors, rotation
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -226,84 +227,40 @@ def test_difference_beyond_the_tolerance_is_an_error(chain, exported, monkeypatc
         )
 
 
-class Controller:
-    """A robot's side of an exported policy: knows the file and nothing else."""
-
-    def __init__(self, path):
-        self.session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-        self.metadata = metadata_of(path)
-
-    def __call__(self, measured, **inputs):
-        terms = self.metadata["observation_terms"]
-        width = terms[-1]["slice"][1]
-        observation = np.zeros((1, width), np.float32)
-        for term in terms:
-            observation[0, slice(*term["slice"])] = measured[term["name"]]
-        (output,) = self.session.run(None, {"observation": observation, **inputs})
-        return output
-
-
-def measurements(qpos, qvel, target):
-    """What sensors and state estimation would say, from generalised coordinates."""
-    w, x, y, z = qpos[3:7]
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return {
-        "base_height": qpos[2],
-        "projected_gravity": turn.T @ [0, 0, -1],
-        "base_lin_vel": turn.T @ qvel[:3],
-        "base_ang_vel": qvel[3:6],
-        "joint_pos": qpos[7:],
-        "joint_vel": qvel[6:],
-        "target": turn.T @ (target - qpos[:3]),
-    }
-
-
-def test_a_controller_built_from_the_files_alone_acts_as_the_simulated_robot(chain, exported):
-    """Two decisions of the simulation, step by step, against the two ONNX files."""
-    folder = exported.artifact.parent
-    high, low = Controller(folder / "high.onnx"), Controller(folder / "low.onnx")
+def test_the_exported_controller_acts_as_the_simulated_robot(chain, exported):
+    """Two decisions of the simulation, step by step, against the folder's own controller."""
+    controller = Controller(exported.artifact.parent, Safety(rise_s=0.0, stand_s=0.0, slew=1e6))
     _, policies = load_policies(chain.high.artifact, "low", "high")
-    spec = load_robot("solo12")
-    task = replace(load_task(spec, "reach"), noise=0.0, randomisation=NO_RANDOMISATION)
-    base = LeggedEnv(spec, task, 1, seed=0)
+    task = load_task(load_robot("solo12"), "reach")
+    task = replace(task, noise=0.0, randomisation=NO_RANDOMISATION)
+    base = LeggedEnv(load_robot("solo12"), task, 1, seed=0)
     env = LatentSteeredEnv(base, policies["low"], 7)
-    state, last_latent, last_action = {}, np.zeros(7), np.zeros(12)
-    metadata = low.metadata
+    step, targets, commands = base.physics.step, [], []
 
-    def measure():
-        qpos, qvel = base.physics.qpos[0].numpy(), base.physics.qvel[0].numpy()
-        state.update(measurements(qpos, qvel, base.command[0].numpy()))
+    def watched(joints):
+        targets.append(joints[0].numpy())
+        commands.append(controller.step(sensors(base.physics), base.command[0].numpy(), 0.0))
+        step(joints)
 
-    step, targets = base.physics.step, []
-    base.physics.step = lambda joints: (targets.append(joints[0].numpy()), step(joints))
-    measure()
+    base.physics.step = watched
     for _ in range(2):
-        latent = high({**state, "last_latent": last_latent})
-        assert np.linalg.norm(latent) == pytest.approx(1.0, abs=1e-5)
-        expected = project(policies["high"](env.observe()))
-        np.testing.assert_allclose(latent, expected, atol=2e-5)
-        commands = []
+        env.step(project(policies["high"](env.observe())))
+    assert len(commands) == 2 * controller.policy["latent_hold_steps"]
+    np.testing.assert_allclose([command.position for command in commands], targets, atol=1e-4)
 
-        def watch(_):
-            # Called after a step: what the controller would have sent before it.
-            nonlocal last_action
-            action = low({**state, "last_action": last_action}, latent=latent)  # noqa: B023
-            joints = np.array(metadata["default_joint_pos"]) + metadata["action_scale"] * action[0]
-            commands.append(joints)  # noqa: B023
-            last_action = action[0]
-            measure()
 
-        targets.clear()
-        env.step(expected, watch)
-        assert len(commands) == metadata["latent_hold_steps"] == len(targets)
-        np.testing.assert_allclose(commands, targets, atol=1e-4)
-        last_latent = latent[0]
+def sensors(physics):
+    """What sensors and state estimation would say of the only world."""
+    qpos, qvel = physics.qpos[0].numpy(), physics.qvel[0].numpy()
+    return Sensors(
+        time=0.0,
+        joint_pos=qpos[7:],
+        joint_vel=qvel[6:],
+        base_quat=qpos[3:7],
+        base_ang_vel=qvel[3:6],
+        base_pos=qpos[:3],
+        base_lin_vel=rotation(qpos[3:7]).T @ qvel[:3],
+    )
 
 
 def test_a_rollout_is_recorded_step_by_step(chain):
