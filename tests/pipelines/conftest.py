@@ -10,6 +10,7 @@ import torch
 from lacoloco.datasets import rotations
 from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.robots.registry import load_robot, robot_names
 
 
@@ -115,3 +116,19 @@ def _one_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
+
+
+@pytest.fixture
+def short_dog(tmp_path):
+    """Factory of files with some frames of the bundled dog."""
+    lines = DOG_BVH.read_text().splitlines()
+    motion = lines.index("MOTION")
+
+    def write(frames=slice(0, 60), name="short.bvh"):
+        rows = lines[motion + 3 :][frames]
+        text = [*lines[: motion + 1], f"Frames:\t{len(rows)}", lines[motion + 2], *rows]
+        path = tmp_path / name
+        path.write_text("\n".join(text) + "\n")
+        return path
+
+    return write

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from lacoloco.datasets.artifact import read_artifact
-from lacoloco.datasets.beside import FINISHED_CLIPS, FINISHED_CLIPS_BEFORE
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.errors import ConfigError, DatasetError
-from lacoloco.datasets.lineage import lineage
 from lacoloco.datasets.mocap import load_bvh
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.datasets.store import RunStore
@@ -17,7 +15,6 @@ from lacoloco.pipelines import retarget
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retarget import RetargetConfig
 from lacoloco.pipelines.retargeting.retargeter import ground_lift, parse_scale
-from lacoloco.pipelines.retargeting.worker import Worker
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.registry import load_robot
 
@@ -49,22 +46,6 @@ def whole_dog(tmp_path_factory):
     """The bundled dog, retargeted as by default."""
     store = RunStore(tmp_path_factory.mktemp("dog") / "runs")
     return retarget_run(RetargetConfig(), StageContext(store, "dog"))
-
-
-@pytest.fixture
-def short_dog(tmp_path):
-    """Factory of files with some frames of the bundled dog."""
-    lines = DOG_BVH.read_text().splitlines()
-    motion = lines.index("MOTION")
-
-    def write(frames=slice(0, 60), name="short.bvh"):
-        rows = lines[motion + 3 :][frames]
-        text = [*lines[: motion + 1], f"Frames:\t{len(rows)}", lines[motion + 2], *rows]
-        path = tmp_path / name
-        path.write_text("\n".join(text) + "\n")
-        return path
-
-    return write
 
 
 @pytest.mark.parametrize(
@@ -225,74 +206,6 @@ def test_each_clip_has_its_picture(context, short_dog):
     pictures = sorted(path.name for path in (two.artifact.parent / "reports").iterdir())
     assert pictures == ["b.png", "short.png"]
     assert sorted(path.name for path in two.artifact.parent.iterdir()) == ["artifact.h5", "reports"]
-
-
-def test_only_what_is_missing_is_made(context, short_dog, monkeypatch):
-    files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
-    first = retarget_run(QUICK, context, sources=files[:1])
-    made = []
-    work = Worker.work
-    monkeypatch.setattr(Worker, "work", lambda self, task, *rest: (
-        made.append(task.name), work(self, task, *rest))[1])  # fmt: skip
-    second = retarget_run(QUICK, context, sources=files, jobs=1)
-    assert made == ["b"]
-    assert second.metrics["kept"] == 1
-    assert [clip.name for clip in load_clips(second.artifact)] == ["short", "b"]
-    np.testing.assert_array_equal(arrays(second)["joint_pos"][:60], arrays(first)["joint_pos"])
-    # all is there: nothing is made, and nothing is written
-    third = retarget_run(QUICK, context, sources=files, jobs=1)
-    assert third.artifact == second.artifact
-    assert len(context.store.all("dog", "retarget")) == 2
-    # another config, another motion of the file, or asked for: anew
-    made.clear()
-    retarget_run(replace(QUICK, fps=30.0), context, sources=files[:1])
-    short_dog(slice(20, 80))
-    retarget_run(QUICK, context, sources=files[:1])
-    retarget_run(QUICK, context, sources=files[:1], force=True)
-    assert made == ["short"] * 3
-
-
-def test_a_recording_that_changes_meanwhile_is_not_kept(context, short_dog, monkeypatch):
-    files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
-    work = Worker.work
-
-    def changed(self, task, *rest):
-        if task.name == "b":
-            files[0].write_bytes(files[0].read_bytes() + b"\n")
-        return work(self, task, *rest)
-
-    monkeypatch.setattr(Worker, "work", changed)
-    with pytest.raises(StageError, match=r"short\.bvh: has changed since the call began"):
-        retarget_run(QUICK, context, sources=files, jobs=1)
-    monkeypatch.setattr(Worker, "work", work)
-    result = retarget_run(QUICK, context, sources=files, jobs=1)
-    assert result.metrics["kept"] == 1
-    assert [one.state for one in lineage(result.artifact)] == ["ok"] * 3
-
-
-@pytest.mark.parametrize("force", [False, True], ids=["as it is", "by force"])
-@pytest.mark.parametrize("name", [FINISHED_CLIPS, FINISHED_CLIPS_BEFORE])
-def test_what_a_killed_run_finished_is_taken_over(context, short_dog, monkeypatch, name, force):
-    files = [short_dog(), short_dog(slice(100, 160), "b.bvh")]
-    work = Worker.work
-
-    def interrupted(self, task, *rest):
-        if task.name == "b":
-            raise KeyboardInterrupt
-        return work(self, task, *rest)
-
-    monkeypatch.setattr(Worker, "work", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        retarget_run(QUICK, context, sources=files, jobs=1, force=force)
-    (left,) = context.store.partials("dog", "retarget")
-    (left.path / FINISHED_CLIPS).rename(left.path / name)
-    monkeypatch.setattr(Worker, "work", work)
-    result = retarget_run(QUICK, replace(context, resume=True), sources=files, jobs=1, force=force)
-    assert result.metrics["skipped"] == []
-    assert result.metrics["kept"] == 1
-    assert not context.store.partials("dog", "retarget")
-    assert [clip.name for clip in load_clips(result.artifact)] == ["short", "b"]
-    assert not (result.artifact.parent / name).exists()
 
 
 @pytest.mark.slow
