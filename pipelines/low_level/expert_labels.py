@@ -20,8 +20,8 @@ from lacoloco.pipelines.generation.recorder import SKILLS
 from lacoloco.pipelines.low_level.expert_worlds import (
     ExpertWorlds,
     LabelledStates,
-    Repertoire,
     Student,
+    WatchedClips,
     resting_rows,
 )
 from lacoloco.pipelines.policies import Policy
@@ -43,9 +43,11 @@ class ExpertLabels:
         experts: Mapping[str, Policy],
         *,
         worlds: int,
+        hold_steps: int,
         seed: int,
     ) -> None:
-        """Build ``worlds`` worlds for each of the ``experts``, task -> policy.
+        """Build ``worlds`` worlds for each of the ``experts``, task -> policy; the latent of one
+        moment is held for at most ``hold_steps`` control steps.
 
         Raises:
             StageError: No clip says what an expert was commanded.
@@ -57,8 +59,9 @@ class ExpertLabels:
                 name,
                 experts[name],
                 states,
-                _repertoire(spec, name, skill, library, states, commands),
+                _watched_clips(spec, name, skill, library, states, commands),
                 worlds=worlds,
+                hold_steps=hold_steps,
                 seed=seed,
             )
             for name, skill in SKILLS.items()
@@ -82,14 +85,14 @@ class ExpertLabels:
         return LabelledStates.joined(list(states)), 1000.0 * sum(falls) / sum(steps)
 
 
-def _repertoire(
+def _watched_clips(
     spec: RobotSpec,
     name: str,
     skill: str,
     library: MotionLibrary,
     states: ClipStates,
     commands: torch.Tensor,
-) -> Repertoire:
+) -> WatchedClips:
     """What the expert of the task ``name`` watches: its own clips, and if it walks on command the
     others' as well, for which it comes to rest.
     """
@@ -101,7 +104,7 @@ def _repertoire(
     performed = torch.where(own[:, None], commands, 0.0)
     rest = resting_rows(spec, states)
     starts = torch.cat((rest, states.first))
-    return Repertoire(clips, performed, torch.nonzero(own | stops).flatten(), stops, starts)
+    return WatchedClips(clips, performed, torch.nonzero(own | stops).flatten(), stops, starts)
 
 
 def _numbers(library: MotionLibrary, states: ClipStates) -> torch.Tensor:

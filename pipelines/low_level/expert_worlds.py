@@ -27,8 +27,6 @@ walking expert of the H1 falls four times as often as with 0.5.
 """
 LOST_STEPS = 20
 """Control steps before a fall in which nothing could be saved any more."""
-HOLD_STEPS = 150
-"""Longest time for which the latent of one moment is held [control steps], as in training."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ class LabelledStates:
 
 
 @dataclass(frozen=True)
-class Repertoire:
+class WatchedClips:
     """What a policy is asked to perform while one expert watches.
 
     Attributes:
@@ -91,16 +89,19 @@ class ExpertWorlds:
         name: str,
         expert: Policy,
         states: ClipStates,
-        repertoire: Repertoire,
+        watched: WatchedClips,
         *,
         worlds: int,
+        hold_steps: int,
         seed: int,
     ) -> None:
-        """Build ``worlds`` worlds of the expert's task ``name``."""
+        """Build ``worlds`` worlds of the expert's task ``name``; the latent of one moment is held
+        for at most ``hold_steps`` control steps.
+        """
         device = states.qpos.device
-        self._expert, self._states, self._repertoire = expert, states, repertoire
+        self._expert, self._states, self._watched = expert, states, watched
         self._scale = load_task(spec, "imitate").action_scale
-        self._rests = spec.skills.walk_speed
+        self._rests, self._hold_steps = spec.skills.walk_speed, hold_steps
         self.env = LeggedEnv(
             spec, _performed(load_task(spec, name)), worlds, seed=seed, device=str(device)
         )
@@ -121,17 +122,17 @@ class ExpertWorlds:
         Returns:
             The states; how many steps there were; how many robots fell.
         """
-        env, states, clips = self.env, self._states, self._repertoire.clips
+        env, states, clips = self.env, self._states, self._watched.clips
         steps = int((states.last[states.first[clips]] - states.first[clips]).min())
         handover = steps * self._uniform() * (self._uniform() < 0.5)
         if self._phase is None and env.guide is not None:
             self._phase = self._learn_phase(steps)
         self._begin(torch.ones_like(self._performs))
-        kept, counted, falls = [], [], 0
+        kept, counted, falls = [], [], torch.zeros((), dtype=torch.long, device=env.device)
         for step in range(steps):
             frame, last, row = style_frame(env.state), self._last_action, self._row
             speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
-            counted.append(~self._repertoire.stops[row] | (speed > self._rests))
+            counted.append(~self._watched.stops[row] | (speed > self._rests))
             observation = torch.cat((frame, last), dim=-1)
             own = env.default_joint_pos + self._scale * student(observation, row)
             own[step < handover] = float("nan")
@@ -139,13 +140,13 @@ class ExpertWorlds:
                 env.guide.clock.pull(self._phase(observation), PULL)
             outcome, asked, self._last_action = self._step(own)
             kept.append((frame, last, asked, row))
-            falls += int(outcome.fell.sum())
+            falls += outcome.fell.sum()
             for lost in counted[-LOST_STEPS:]:
                 lost &= ~outcome.fell
             self._go_on(outcome.fell)
         known = torch.cat(counted)
         joined = LabelledStates(*(torch.cat(column)[known] for column in zip(*kept, strict=True)))
-        return joined, steps * env.num_worlds, falls
+        return joined, steps * env.num_worlds, int(falls)
 
     def _step(self, own: torch.Tensor) -> tuple[Step, torch.Tensor, torch.Tensor]:
         """One control step towards ``own`` (N, J) [rad], the expert's targets where they are NaN.
@@ -183,27 +184,27 @@ class ExpertWorlds:
         worlds = torch.nonzero(mask).flatten()
         if not len(worlds):
             return
-        env, states, repertoire = self.env, self._states, self._repertoire
+        env, states, watched = self.env, self._states, self._watched
         env.redraw(mask)
         env.reset(mask)
-        first = states.first[self._drawn(repertoire.clips, len(worlds))]
-        rest = self._drawn(repertoire.starts, len(worlds))
+        first = states.first[self._drawn(watched.clips, len(worlds))]
+        rest = self._drawn(watched.starts, len(worlds))
         performs = self._performs[worlds]
         begin = torch.where(performs, first, rest)
         still = torch.zeros_like(env.action[worlds])
         env.start_from(worlds, states.qpos[begin], states.qvel[begin], still)
         self._last_action[worlds] = still
         self._row[worlds], self._left[worlds] = begin, states.remaining[begin]
-        env.command[worlds] = repertoire.commands[begin]
+        env.command[worlds] = watched.commands[begin]
         self._take_up(mask & ~self._performs)
 
     def _take_up(self, mask: torch.Tensor) -> None:
         """Turn to another moment of some clip in the worlds of ``mask`` (N,) bool."""
         worlds = torch.nonzero(mask).flatten()
-        row = self._drawn(self._repertoire.rows, len(worlds))
+        row = self._drawn(self._watched.rows, len(worlds))
         self._row[worlds] = row
-        self._left[worlds] = (HOLD_STEPS * self._uniform()[worlds]).long()
-        command, kind = self._repertoire.commands[row], self.env.task.command
+        self._left[worlds] = (self._hold_steps * self._uniform()[worlds]).long()
+        command, kind = self._watched.commands[row], self.env.task.command
         assert kind is not None
         pose, recorded = self.env.physics.qpos[worlds, :7], self._states.qpos[row, :7]
         self.env.command[worlds] = kind.carried(command, recorded, pose)
@@ -213,7 +214,7 @@ class ExpertWorlds:
         self._row = self._row + follows
         self._left = self._left - 1
         # A clip's targets are where it was recorded, and who performs it set out from there.
-        asked = self._repertoire.commands[self._row]
+        asked = self._watched.commands[self._row]
         self.env.command = torch.where(follows[:, None], asked, self.env.command)
         self._take_up(~fell & ~self._performs & (self._left < 0))
         self._begin(fell)

@@ -104,6 +104,7 @@ class LowTrainer:
                 self.clips,
                 experts or {},
                 worlds=config.expert_worlds,
+                hold_steps=config.latents.max_steps,
                 seed=seed + 5,
             )
         self.head = Head(

@@ -42,7 +42,9 @@ def make_context(tmp_path):
 def labels_for(robot, clips, experts, worlds=8):
     library = MotionLibrary(clips)
     states = clip_states(library)
-    return ExpertLabels(robot, library, states, experts, worlds=worlds, seed=0), states
+    return ExpertLabels(
+        robot, library, states, experts, worlds=worlds, hold_steps=149, seed=0
+    ), states
 
 
 def test_a_policy_that_does_what_was_recorded_is_told_the_same(robot, recorded):
@@ -119,7 +121,7 @@ def test_states_from_which_nothing_saves_the_robot_do_not_count(h1, walks_and_re
 
 def test_who_walks_on_command_also_comes_to_rest_for_the_clips_of_others(h1, walks_and_reaches):
     labels, states = labels_for(h1, *walks_and_reaches)
-    walks, reaches = (labels.experts[name]._repertoire for name in ("walk", "reach_in_place"))
+    walks, reaches = (labels.experts[name]._watched for name in ("walk", "reach_in_place"))
     rows = len(states.last)
     assert walks.stops.tolist() == [False] * (rows // 2) + [True] * (rows // 2)
     assert not walks.commands[walks.stops].any() and len(walks.rows) == rows
