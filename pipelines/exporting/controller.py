@@ -122,7 +122,9 @@ class Controller:
         )
         ranges = [row or (-np.inf, np.inf) for row in self.policy["joint_ranges"]]
         self._lower, self._upper = np.array(ranges, dtype=np.float32).T
-        slew = self._safety.slew or 1.5 * self.policy["fastest_joint_target"]
+        slew = self._safety.slew
+        if slew is None:
+            slew = 1.5 * self.policy["fastest_joint_target"]
         self._most = slew * self.policy["control_dt"]
         self.mode, self.reason = "rise", ""
         self._began: float | None = None
