@@ -159,11 +159,9 @@ def run_trials(
         progress.advance(count)
     progress.stop()
     policies = [trial.high for trial in found.values() if trial.high is not None]
-    evaluation = None
-    if policies:
-        evaluation = chain.evaluate(
-            name, context, preset=preset, policies=policies, settings=settings
-        )
+    if not policies:
+        return list(found.values()), None
+    evaluation = chain.evaluate(name, context, preset=preset, policies=policies, settings=settings)
     return list(found.values()), evaluation
 
 
