@@ -20,6 +20,8 @@ from lacoloco.datasets.robot_record import RobotRecord
 
 SCHEMA = "lacoloco/motions"
 
+_FORGOTTEN: dict[str, Any] = {"joint_target": None, "command": None, "gait_memory": None}
+"""What holds at a clip's own pace and rate only."""
 _TABLE = ("name", "fps", "skill", "weight", "source", "licence")
 
 
@@ -63,6 +65,8 @@ class Clip:
     """(T, 3) what was commanded from frame k to k + 1, if an expert performed the clip: a velocity
     (forward and lateral m/s, yaw rate rad/s) or a target in the world frame, m.
     """
+    gait_memory: np.ndarray | None = None
+    """(T, 3) where the expert's gait clock stood, if it had one: `GaitClock.memory`."""
 
     @classmethod
     def from_poses(
@@ -178,7 +182,7 @@ class Clip:
         """
         if not 0 < fps < np.inf:
             raise DatasetError(f"clip '{self.name}': cannot resample to {fps} frames per second")
-        clip = self if fps == self.fps else replace(self, joint_target=None, command=None)
+        clip = self if fps == self.fps else replace(self, **_FORGOTTEN)
         return replace(clip, fps=float(fps))._with(series.resampled(clip._rows(), self.fps, fps))
 
     def at_pace(self, pace: float) -> Clip:
@@ -191,7 +195,7 @@ class Clip:
         if not 0 < pace < np.inf:
             raise DatasetError(f"clip '{self.name}': cannot be played at {pace} times its pace")
         slowed = {name: pace * getattr(self, name) for name in series.VELOCITIES}
-        return replace(self, fps=pace * self.fps, joint_target=None, command=None, **slowed)
+        return replace(self, fps=pace * self.fps, **_FORGOTTEN, **slowed)
 
     def _rows(self) -> dict[str, np.ndarray]:
         known = (name for name in series.OPTIONAL if getattr(self, name) is not None)

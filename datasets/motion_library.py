@@ -77,6 +77,7 @@ class MotionLibrary:
             _known_or_nan([clip.joint_target for clip in clips], lengths, joints)
         )
         self._commands = self._tensor(_known_or_nan([clip.command for clip in clips], lengths, 3))
+        self._memory = self._tensor(_known_or_nan([clip.gait_memory for clip in clips], lengths, 3))
         self._draw(0.0)  # refuse weights that leave nothing to sample now, not in mid-training
 
     def __len__(self) -> int:
@@ -116,6 +117,13 @@ class MotionLibrary:
         NaN where that is not known, as for :meth:`joint_targets`.
         """
         return self._asked(self._commands, clip_ids, times, dt)
+
+    def gait_memory(self, clip_ids: torch.Tensor, times: torch.Tensor, dt: float) -> torch.Tensor:
+        """(n, 3) where an expert's gait clock stood at ``times`` (n,), read every ``dt`` seconds.
+
+        NaN where that is not known, as for :meth:`joint_targets`.
+        """
+        return self._asked(self._memory, clip_ids, times, dt)
 
     def clips_of(self, skill: str) -> torch.Tensor:
         """(n,) int64 numbers of the clips that show a skill."""

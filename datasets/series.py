@@ -10,10 +10,13 @@ SERIES = ("root_pos", "root_quat", "root_lin_vel_b", "root_ang_vel_b", "joint_po
 """The fields of a clip that hold one row per frame."""
 VELOCITIES = ("root_lin_vel_b", "root_ang_vel_b", "joint_vel")
 """Those of them that are per second."""
-OPTIONAL = ("contacts", "joint_target", "command")
+OPTIONAL = ("contacts", "joint_target", "command", "gait_memory")
 """Those that do, of clips about which this is known."""
 
-_WIDTHS = {"root_pos": 3, "root_quat": 4, "root_lin_vel_b": 3, "root_ang_vel_b": 3, "command": 3}
+_WIDTHS = dict.fromkeys(("root_pos", "root_lin_vel_b", "root_ang_vel_b", "command"), 3) | {
+    "root_quat": 4,
+    "gait_memory": 3,
+}
 
 
 def angular_velocities_b(quat: np.ndarray, fps: float) -> np.ndarray:

@@ -134,7 +134,7 @@ class Controller:
     def reset(self) -> None:
         """Forget the last action and the last latent, as at the start of an episode."""
         self._steps = 0
-        self._action = np.zeros(len(self._default), dtype=np.float32)
+        self._answer = np.zeros(self.policy["levels"]["low"]["output_size"], dtype=np.float32)
         self._latent = np.zeros(self.policy["latent_size"], dtype=np.float32)
 
     def step(self, sensors: Sensors, goal: Array, now: float) -> Command:
@@ -175,14 +175,16 @@ class Controller:
     def _act(self, sensors: Sensors, goal: Array) -> Array:
         """(J,) joint targets of the policy [rad]."""
         values = observe(sensors, goal) | {
-            "last_action": self._action,
+            "last_action": self._answer[: len(self._default)],
+            "last_memory": self._answer[len(self._default) :],
             "last_latent": self._latent,
         }
         if self._steps % self.policy["latent_hold_steps"] == 0:
             self._latent = self._infer("high", values)
         self._steps += 1
-        self._action = self._infer("low", values)
-        target_pos: Array = self._default + self.policy["action_scale"] * self._action
+        self._answer = self._infer("low", values)
+        action = self._answer[: len(self._default)]
+        target_pos: Array = self._default + self.policy["action_scale"] * action
         return target_pos
 
     def _infer(self, level: str, values: Mapping[str, Array]) -> Array:

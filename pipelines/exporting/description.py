@@ -30,6 +30,8 @@ MEANING = {
     "joint_pos": "Joint angles as the model counts them, not relative to the default pose.",
     "joint_vel": "Joint speeds.",
     "last_action": "What the low level answered one control step ago, as it came; zeros at first.",
+    "last_memory": "What the low level answered after the joints' actions one control step ago, as "
+    "it came; zeros at first.",
     "velocity_command": "Forward and lateral velocity and yaw rate that are asked for, base frame.",
     "heading_command": "Unit vector of the heading that is asked for, rotated into the base frame.",
     "height_command": "Height above the floor at which the end effector is to be.",
@@ -68,7 +70,8 @@ def describe(
         "default_base_height": spec.default_height(),
         "action_scale": spec.action_scale,
         "action_rule": (
-            "joint target = default_joint_pos + action_scale * action, held for control_dt"
+            "joint target = default_joint_pos + action_scale * action, held for control_dt; the "
+            "low level's outputs after one action per joint are its memory"
         ),
         "torque_rule": (
             "joint_stiffness * (target - angle) - joint_damping * speed, within effort_limits"
@@ -126,6 +129,8 @@ def _level(policy: Policy) -> dict[str, Any]:
 def fastest_target(recorded: ReachRecording, spec: RobotSpec) -> float:
     """Fastest change of a joint target in simulated episodes [rad/s]."""
     joints = spec.num_joints
-    actions = recorded.low_obs[:, -joints:].reshape(-1, len(recorded.qpos), joints)
+    begin = 10 + 2 * joints
+    actions = recorded.low_obs[:, begin : begin + joints]
+    actions = actions.reshape(-1, len(recorded.qpos), joints)
     change = np.abs(np.diff(actions, axis=0)).max() if len(actions) > 1 else 0.0
     return float(spec.action_scale * change / CONTROL_DT)

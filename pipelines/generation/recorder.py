@@ -50,13 +50,13 @@ def record(
         spec, task, count + max(8, count // 4), seed=context.seed, device=context.device
     )
     upright = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
-    rows, asked, errors, settled = [(env.physics.qpos, env.state)], [], [], []
+    rows, asked, errors, settled = [_row(env)], [], [], []
     for step in range(steps):
         command = env.command.clone()
         outcome = env.step(policy(env.observe()))
         asked.append((env.joint_target, command))
         upright &= ~outcome.fell
-        rows.append((env.physics.qpos, env.state))
+        rows.append(_row(env))
         if step >= transient:
             errors.append(_tracking_error(env, command))
             settled.append(errors[-1][(env.command != command).any(dim=-1)])
@@ -100,31 +100,37 @@ def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
     return torch.linalg.vector_norm(reached - command[:, : reached.shape[1]], dim=-1)
 
 
+def _row(env: LeggedEnv) -> tuple[torch.Tensor, RobotState, torch.Tensor | None]:
+    memory = None if env.guide is None else env.guide.clock.memory()
+    return env.physics.qpos, env.state, memory
+
+
 def _clip(
     spec: RobotSpec,
     skill: str,
     weight: float,
     index: int,
-    rows: Sequence[tuple[torch.Tensor, RobotState]],
+    rows: Sequence[tuple[torch.Tensor, RobotState, torch.Tensor | None]],
     joint_target: np.ndarray,
     command: np.ndarray,
     world: int,
 ) -> Clip:
     def series(pick: Callable[..., torch.Tensor]) -> np.ndarray:
-        return torch.stack([pick(qpos, state)[world] for qpos, state in rows]).cpu().numpy()
+        return torch.stack([pick(*row)[world] for row in rows]).cpu().numpy()
 
     return Clip(
         name=f"{skill}_{index:03d}",
         fps=1.0 / CONTROL_DT,
         joint_names=spec.joint_names,
-        root_pos=series(lambda qpos, _: qpos[:, :3]),
-        root_quat=series(lambda qpos, _: qpos[:, 3:7]),
-        root_lin_vel_b=series(lambda _, state: state.lin_vel_b),
-        root_ang_vel_b=series(lambda _, state: state.ang_vel_b),
-        joint_pos=series(lambda qpos, _: qpos[:, 7:]),
-        joint_vel=series(lambda _, state: state.joint_vel),
+        root_pos=series(lambda qpos, *_: qpos[:, :3]),
+        root_quat=series(lambda qpos, *_: qpos[:, 3:7]),
+        root_lin_vel_b=series(lambda _, state, *__: state.lin_vel_b),
+        root_ang_vel_b=series(lambda _, state, *__: state.ang_vel_b),
+        joint_pos=series(lambda qpos, *_: qpos[:, 7:]),
+        joint_vel=series(lambda _, state, *__: state.joint_vel),
         joint_target=joint_target,
         command=command,
+        gait_memory=None if rows[0][2] is None else series(lambda *row: row[2]),
         skill=skill,
         weight=weight,
         source=f"lacoloco generate: {skill} expert",

@@ -28,7 +28,7 @@ class CloningData:
     Attributes:
         frames: (M, F) clean style frames.
         previous: (M, A) actions before.
-        actions: (M, A) actions to reproduce.
+        actions: (M, A) actions to reproduce, NaN where nobody knows.
         noise: (F + A,) half-ranges of the uniform observation noise.
         action_noise: standard deviation added to ``previous``; more than exploration will add,
             because a policy that may trust its last action repeats it and never leaves a standing
@@ -107,7 +107,8 @@ def clone(
     for step in range(steps):
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / steps)
         observations, rows = observe(batch)
-        error = (actor(observations) - data.actions[rows]).square().mean()
+        # Nothing is asked where nobody knows.
+        error = (actor(observations) - data.actions[rows]).nan_to_num().square().mean()
         loss = error + UNIFORMITY_WEIGHT * uniformity(observations["latent"][:PAIRS_FROM])
         optimizer.zero_grad(set_to_none=True)
         loss.backward()

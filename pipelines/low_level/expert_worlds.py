@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import torch
 
 from lacoloco.pipelines.generation.expert_trainer import without_noise
-from lacoloco.pipelines.learn.regression import fit_regression
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.clip_actions import ClipStates
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -21,10 +20,6 @@ Student = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 """(N, F + A) observations and (N,) rows of the clips -> (N, A) mean actions under the latents of
 those rows.
 """
-PULL = 0.5
-"""Share by which the expert's clock follows the policy's motion in a control step. With 1 the
-walking expert of the H1 falls four times as often as with 0.5.
-"""
 LOST_STEPS = 20
 """Control steps before a fall in which nothing could be saved any more."""
 
@@ -35,7 +30,7 @@ class LabelledStates:
 
     Attributes:
         frames: (n, F) clean style frames.
-        previous: (n, A) actions before, in units of the imitation task.
+        previous: (n, A) actions before, in units of the imitation task, and its memory.
         actions: (n, A) the expert's actions, likewise.
         rows: (n,) rows of the clips that the policy was performing.
     """
@@ -80,7 +75,8 @@ class ExpertWorlds:
     """The worlds of one expert.
 
     In half of them the policy performs one clip from its start; in the others it takes up one
-    moment of some clip after the other, as under a high level.
+    moment of some clip after the other, as under a high level. An expert with a gait's clock reads
+    it from the policy's memory: so what it says is a function of what the policy sees.
     """
 
     def __init__(
@@ -100,7 +96,8 @@ class ExpertWorlds:
         """
         device = states.qpos.device
         self._expert, self._states, self._watched = expert, states, watched
-        self._scale = load_task(spec, "imitate").action_scale
+        imitate = load_task(spec, "imitate")
+        self._scale, self._joints = imitate.action_scale, spec.num_joints
         self._rests, self._hold_steps = spec.skills.walk_speed, hold_steps
         self.env = LeggedEnv(
             spec, _performed(load_task(spec, name)), worlds, seed=seed, device=str(device)
@@ -109,8 +106,8 @@ class ExpertWorlds:
         self._performs = torch.arange(worlds, device=device) < worlds // 2
         self._row = torch.zeros(worlds, dtype=torch.long, device=device)
         self._left = torch.zeros_like(self._row)
-        self._last_action = torch.zeros_like(self.env.action)
-        self._phase: Callable[[torch.Tensor], torch.Tensor] | None = None
+        width = spec.num_joints + imitate.memory
+        self._last_action = torch.zeros(worlds, width, device=self.env.device)
 
     def collect(self, student: Student) -> tuple[LabelledStates, int, int]:
         """Let the policy move for as long as the shortest clip, and ask the expert.
@@ -125,8 +122,6 @@ class ExpertWorlds:
         env, states, clips = self.env, self._states, self._watched.clips
         steps = int((states.last[states.first[clips]] - states.first[clips]).min())
         handover = steps * self._uniform() * (self._uniform() < 0.5)
-        if self._phase is None and env.guide is not None:
-            self._phase = self._learn_phase(steps)
         self._begin(torch.ones_like(self._performs))
         kept, counted, falls = [], [], torch.zeros((), dtype=torch.long, device=env.device)
         for step in range(steps):
@@ -134,10 +129,7 @@ class ExpertWorlds:
             speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
             counted.append(~self._watched.stops[row] | (speed > self._rests))
             observation = torch.cat((frame, last), dim=-1)
-            own = env.default_joint_pos + self._scale * student(observation, row)
-            own[step < handover] = float("nan")
-            if self._phase is not None and env.guide is not None:
-                env.guide.clock.pull(self._phase(observation), PULL)
+            own = student(observation, row).masked_fill((step < handover)[:, None], torch.nan)
             outcome, asked, self._last_action = self._step(own)
             kept.append((frame, last, asked, row))
             falls += outcome.fell.sum()
@@ -149,35 +141,22 @@ class ExpertWorlds:
         return joined, steps * env.num_worlds, int(falls)
 
     def _step(self, own: torch.Tensor) -> tuple[Step, torch.Tensor, torch.Tensor]:
-        """One control step towards ``own`` (N, J) [rad], the expert's targets where they are NaN.
+        """One control step with the actions ``own`` (N, A), the expert's where they are NaN.
 
         Returns:
-            What happened; the expert's actions and those that were taken, (N, J) each, in units of
+            What happened; the expert's actions and those that were taken, (N, A) each, in units of
             the imitation task.
         """
-        env = self.env
-        outcome = env.step(self._expert(env.observe()), instead=own)
+        env, joints = self.env, self._joints
+        if env.guide is not None:
+            everywhere = torch.ones_like(self._performs)
+            env.guide.clock.recall(self._last_action[:, joints:], everywhere)
+        targets = env.default_joint_pos + self._scale * own[:, :joints]
+        outcome = env.step(self._expert(env.observe()), instead=targets)
         asked = (env.joint_target - env.default_joint_pos) / self._scale
-        taken = torch.where(own.isnan(), asked, (own - env.default_joint_pos) / self._scale)
-        return outcome, asked, taken
-
-    def _learn_phase(self, steps: int) -> Callable[[torch.Tensor], torch.Tensor]:
-        """(N, F + A) observations -> (N, 2) what the expert's clock shows while it moves that way.
-
-        A policy that lags behind the clock is told to do what it is late for. Two robots that move
-        alike would be told different things, and who learns from both learns neither.
-        """
-        env = self.env
-        assert env.guide is not None
-        self._begin(torch.ones_like(self._performs))
-        seen, shown = [], []
-        for _ in range(steps):
-            seen.append(torch.cat((style_frame(env.state), self._last_action), dim=-1))
-            shown.append(env.guide.clock.shown())
-            nobody = torch.full_like(env.action, float("nan"))
-            outcome, _, self._last_action = self._step(nobody)
-            self._go_on(outcome.fell)
-        return fit_regression(torch.cat(seen), torch.cat(shown), self._generator)
+        if env.guide is not None:
+            asked = torch.cat((asked, env.guide.clock.memory()), dim=1)
+        return outcome, asked, torch.where(own.isnan(), asked, own)
 
     def _begin(self, mask: torch.Tensor) -> None:
         """Begin anew in the worlds of ``mask`` (N,) bool: with a clip, or at rest."""
@@ -191,8 +170,10 @@ class ExpertWorlds:
         rest = self._drawn(watched.starts, len(worlds))
         performs = self._performs[worlds]
         begin = torch.where(performs, first, rest)
-        still = torch.zeros_like(env.action[worlds])
-        env.start_from(worlds, states.qpos[begin], states.qvel[begin], still)
+        still = torch.zeros_like(self._last_action[worlds])
+        still[:, self._joints :] = states.memory[begin, : still.shape[1] - self._joints]
+        resting = still[:, : self._joints]
+        env.start_from(worlds, states.qpos[begin], states.qvel[begin], resting)
         self._last_action[worlds] = still
         self._row[worlds], self._left[worlds] = begin, states.remaining[begin]
         env.command[worlds] = watched.commands[begin]

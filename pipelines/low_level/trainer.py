@@ -24,7 +24,7 @@ from lacoloco.pipelines.low_level.cloning import Cloning
 from lacoloco.pipelines.low_level.config import TrainLowConfig
 from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
 from lacoloco.pipelines.policies import Head, Policy
-from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, previous_actions
+from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, with_memory
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.episode_restarts import EpisodeRestarts
 from lacoloco.pipelines.sim.physics import CONTROL_DT
@@ -132,10 +132,11 @@ class LowTrainer:
             the share of episodes under switching latents that end in a fall.
         """
         config, env, metrics = self.config, self.env, dict[str, float]()
-        actions = infer_actions(self.spec, self.clips, env.task.action_scale)
+        moves = infer_actions(self.spec, self.clips, env.task.action_scale)
+        actions, previous = with_memory(self.clips, moves, env.task.memory)
         data = CloningData(
             self.clips.flattened().frames,
-            previous_actions(self.clips, actions),
+            previous,
             actions,
             noise_scale(env.terms).to(env.device),
         )

@@ -38,6 +38,7 @@ class ClipStates:
         last: (M,) row of the last state of the clip that a row belongs to.
         targets: (M, J) where the motors were asked to go from each state to the next [rad], NaN
             where nobody knows.
+        memory: (M, 3) where the expert's gait clock stood, NaN likewise.
     """
 
     qpos: torch.Tensor
@@ -45,6 +46,7 @@ class ClipStates:
     first: torch.Tensor
     last: torch.Tensor
     targets: torch.Tensor
+    memory: torch.Tensor
 
     @property
     def remaining(self) -> torch.Tensor:
@@ -76,9 +78,9 @@ def clip_states(library: MotionLibrary) -> ClipStates:
     linear = rotations.rotate(frames.root_quat, frames.root_lin_vel_b)
     qpos = torch.cat((frames.root_pos, frames.root_quat, frames.joint_pos), dim=1)
     qvel = torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=1)
-    return ClipStates(
-        qpos, qvel, first, last, library.joint_targets(clips, within * CONTROL_DT, CONTROL_DT)
-    )
+    moments = (clips, within * CONTROL_DT, CONTROL_DT)
+    targets, memory = library.joint_targets(*moments), library.gait_memory(*moments)
+    return ClipStates(qpos, qvel, first, last, targets, memory)
 
 
 def infer_actions(spec: RobotSpec, states: ClipStates, action_scale: float) -> torch.Tensor:
@@ -107,6 +109,19 @@ def previous_actions(states: ClipStates, actions: torch.Tensor) -> torch.Tensor:
     earlier = torch.roll(actions, 1, dims=0)
     earlier[states.first] = actions[states.first]
     return earlier
+
+
+def with_memory(
+    states: ClipStates, actions: torch.Tensor, memory: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(M, J + memory) actions (M, J) with where the clock stands after them, NaN where nobody
+    knows; and the actions one step earlier with where it stood then, 0 where nobody knows.
+    """
+    now = states.memory[:, :memory]
+    rows = torch.arange(len(now), device=now.device)
+    after = now[torch.minimum(rows + 1, states.last)]
+    previous = torch.cat((previous_actions(states, actions), now.nan_to_num()), dim=1)
+    return torch.cat((actions, after), dim=1), previous
 
 
 def _solve(

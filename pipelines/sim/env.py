@@ -66,7 +66,7 @@ class LeggedEnv:
         self.default_joint_pos = torch.tensor(spec.default_joint_pos, device=self.device)
         sideways = [spec.joint_names.index(name) for name in spec.abduction_joints]
         self.abduction_columns = torch.tensor(sideways, dtype=torch.long, device=self.device)
-        self.num_actions = joints
+        self.num_actions = joints + task.memory
         self.guide: GaitGuide | None = None
         if task.gait:
             terms = self._own_terms()
@@ -82,7 +82,7 @@ class LeggedEnv:
         self.clip_share = torch.full((num_worlds,), task.reset.clip_share, device=self.device)
         self.feet = FootTimer(num_worlds, len(spec.feet), self.device)
         self.steps = torch.zeros(num_worlds, dtype=torch.long, device=self.device)
-        self.action = torch.zeros(num_worlds, joints, device=self.device)
+        self.action = torch.zeros(num_worlds, self.num_actions, device=self.device)
         self.joint_target = self.default_joint_pos.repeat(num_worlds, 1)
         self.command = torch.zeros(num_worlds, 3, device=self.device)
         self._resample_at = torch.zeros_like(self.steps)
@@ -109,11 +109,11 @@ class LeggedEnv:
         return self.guide
 
     def step(self, action: torch.Tensor, instead: torch.Tensor | None = None) -> Step:
-        """Apply raw actions (N, J) for one control step: joint targets = default pose, or the
+        """Apply raw actions (N, A) for one control step: joint targets = default pose, or the
         reference of a gait, + action scale x action.
 
         Args:
-            action: Raw actions.
+            action: Raw actions of the J joints; a task's memory after them moves nothing.
             instead: (N, J) joint targets to apply [rad] while ``joint_target`` says what the
                 actions would have asked for; NaN where they are applied.
         """
@@ -126,7 +126,8 @@ class LeggedEnv:
         self.previous, self.previous_action, self.action = self.state, self.action, action
         if self.task.has_target:
             self.previous_target_error = self.target_error()
-        self.joint_target = reference + self.task.action_scale * action
+        moves = action[:, : len(self.default_joint_pos)]
+        self.joint_target = reference + self.task.action_scale * moves
         applied = self.joint_target
         if instead is not None:
             applied = torch.where(instead.isnan(), applied, instead)
@@ -186,19 +187,21 @@ class LeggedEnv:
         if not len(worlds):
             return
         qpos, qvel = self._starts.anywhere(self.task.reset, len(worlds), self.generator)
+        action = torch.zeros(len(worlds), self.num_actions, device=self.device)
         if self.motions is not None and self.task.reset.clip_share > 0.0:
             chosen = select(self._uniform(len(worlds)) < pick(self.clip_share, worlds))
             if len(chosen):
-                for target, value in zip(
-                    (qpos, qvel),
-                    clip_starts(self.motions, len(chosen), self.generator),
-                    strict=True,
-                ):
+                memory = action[:, self.num_actions - self.task.memory :]
+                start = clip_starts(
+                    self.motions, len(chosen), self.generator, memory=self.task.memory
+                )
+                for target, value in zip((qpos, qvel, memory), start, strict=True):
                     put(target, chosen, value)
         self.physics.reset(worlds, qpos, qvel)
         self._read(worlds)
         put(self.steps, worlds, 0)
-        self.action = self.action.masked_fill(mask[:, None], 0.0)
+        self.action = self.action.clone()
+        put(self.action, worlds, action)
         self.feet.reset(worlds)
         if self.task.command is not None:
             put(self.command, worlds, self._commands(len(worlds)))
@@ -213,7 +216,7 @@ class LeggedEnv:
         self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor, action: torch.Tensor
     ) -> None:
         """Put worlds that have just been reset into other states: rows (K, 7 + J), (K, 6 + J), and
-        last actions (K, J).
+        last actions (K, A).
         """
         self.physics.reset(worlds, qpos, qvel)
         self._read(worlds)
@@ -314,7 +317,8 @@ class LeggedEnv:
 
     def _own_terms(self) -> tuple[Term, ...]:
         command = None if self.task.command is None else self.task.command.term
-        return layouts.policy_terms(self.num_actions, self.spec.observation_noise, command)
+        joints, noise = self.spec.num_joints, self.spec.observation_noise
+        return layouts.policy_terms(joints, noise, command, self.task.memory)
 
     def _start_gait(self, guide: GaitGuide, worlds: torch.Tensor) -> None:
         """Rest the clocks of ``worlds``, and put a share of those told to walk into the gait."""

@@ -55,8 +55,8 @@ class EpisodeRestarts:
         self.generator = torch.Generator(env.device).manual_seed(seed)
         self._count = 0
         widths = {
-            "qpos": 7 + env.num_actions,
-            "qvel": 6 + env.num_actions,
+            "qpos": 7 + env.spec.num_joints,
+            "qvel": 6 + env.spec.num_joints,
             "action": env.num_actions,
             "command": 3,
             "latent": latent_dim,

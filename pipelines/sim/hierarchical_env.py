@@ -78,12 +78,12 @@ class LatentSteeredEnv:
         self.num_worlds, self.device = env.num_worlds, env.device
         self.latent = torch.zeros(env.num_worlds, latent_dim, device=env.device)
         self.terms: tuple[Term, ...] = layouts.high_level_terms(
-            env.num_actions,
+            env.spec.num_joints,
             env.spec.observation_noise,
             None if env.task.command is None else env.task.command.term,
         )
         self.limit = env.spec.foot_force_limit()
-        self._frame = 10 + 2 * env.num_actions
+        self._frame = 10 + 2 * env.spec.num_joints
         self._low_width = self._frame + env.num_actions
 
     def observe(self) -> torch.Tensor:

@@ -15,6 +15,7 @@ import torch
 
 from lacoloco.datasets.rotations import from_yaw, multiply, rotate
 from lacoloco.pipelines.sim.commands import Range, uniform
+from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.robots.geometry import standing_height
 from lacoloco.robots.spec import RobotSpec
 
@@ -71,10 +72,11 @@ class StandingStarts:
 
 
 def clip_starts(
-    motions: MotionLibrary, count: int, generator: torch.Generator
-) -> tuple[torch.Tensor, torch.Tensor]:
+    motions: MotionLibrary, count: int, generator: torch.Generator, *, memory: int = 0
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """(count, 7 + J), (count, 6 + J): a random moment of a random clip, heading re-drawn,
-    velocities turned with it.
+    velocities turned with it; (count, memory) where the expert's clock stood, zeros where nobody
+    knows.
     """
     clips, times = motions.sample(count, generator=generator)
     frames = motions.frames(clips, times)
@@ -84,4 +86,6 @@ def clip_starts(
     position[:, 2] = frames.root_pos[:, 2]
     qpos = torch.cat((position, quat, frames.joint_pos), dim=-1)
     linear = rotate(quat, frames.root_lin_vel_b)
-    return qpos, torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=-1)
+    qvel = torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=-1)
+    known = motions.gait_memory(clips, times, CONTROL_DT).nan_to_num() if memory else qpos[:, :0]
+    return qpos, qvel, known

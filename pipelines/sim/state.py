@@ -119,12 +119,14 @@ def style_terms(joints: int, noise: ObservationNoise = CLEAN) -> tuple[Term, ...
 
 
 def policy_terms(
-    joints: int, noise: ObservationNoise = CLEAN, command: Term | None = None
+    joints: int, noise: ObservationNoise = CLEAN, command: Term | None = None, memory: int = 0
 ) -> tuple[Term, ...]:
-    """Layout of the low-level policy's observation: the style frame, the last action, a command if
-    the task has one.
+    """Layout of the low-level policy's observation: the style frame, the last action, ``memory``
+    outputs that came with it, a command if the task has one.
     """
     terms = (*style_terms(joints, noise), Term("last_action", joints, "1", "joint"))
+    if memory:
+        terms = (*terms, Term("last_memory", memory, "1", "gait clock"))
     return terms if command is None else (*terms, command)
 
 

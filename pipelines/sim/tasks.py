@@ -15,6 +15,7 @@ from typing import Annotated, Any
 from lacoloco.pipelines.sim.commands import COMMANDS, Command, TargetCommand
 from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Constraint
 from lacoloco.pipelines.sim.disturbances.config import UNDISTURBED, Disturbances
+from lacoloco.pipelines.sim.gait.clock import MEMORY
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import Randomisation
 from lacoloco.pipelines.sim.rewards import REWARDS, RewardTerm, parameters_of
@@ -84,6 +85,8 @@ class Task:
         randomisation: What differs between worlds.
         disturbances: What differs from the usual simulation.
         gait: Guided by the robot's gait: see :class:`lacoloco.pipelines.sim.gait.guide.GaitGuide`.
+        memory: Outputs of a policy beyond the joints' actions, which it sees again with its last
+            action: where an expert has a gait's clock, the low level keeps it in them.
         start_from: Task whose expert this one's begins as; "" for random networks.
         sample_factor: Factor on the samples that an expert is trained with: a harder task needs
             more.
@@ -106,6 +109,7 @@ class Task:
     randomisation: Randomisation = field(default_factory=Randomisation)
     disturbances: Disturbances = UNDISTURBED
     gait: bool = False
+    memory: int = 0
     start_from: str = ""
     sample_factor: float = 1.0
     noise: float = 1.0
@@ -222,6 +226,7 @@ def read_task(spec: RobotSpec, name: str, values: object, place: Place) -> Task:
         randomisation=table.randomisation,
         disturbances=table.disturbances,
         gait=table.gait,
+        memory=0 if table.gait or spec.gait is None else MEMORY,
         start_from=table.start_from,
         sample_factor=table.sample_factor,
     )

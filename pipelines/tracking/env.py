@@ -159,6 +159,7 @@ def _task(spec: RobotSpec, config: TrackerConfig) -> Task:
     task = imitate_task(spec, constrained=True)
     return replace(
         task,
+        memory=0,
         noise=0.0,
         episode_s=config.episode_s,
         reset=replace(task.reset, clip_share=0.0, lin_vel=0.0, ang_vel=0.0),

@@ -16,6 +16,16 @@ from lacoloco.robots.numbers import Gait
 
 ASKED_SPEED = 0.1
 """Norm of a commanded velocity from which it asks for steps (the original's code)."""
+MEMORY = 3
+"""Numbers that say where a clock stands; see :meth:`GaitClock.memory`."""
+MEMORY_UNIT = 0.5
+"""A clock's number that one unit of action stands for. Exploration of 0.05 units then moves a phase
+by a hundredth of a radian, and an error of the clock weighs as much as one of a joint.
+"""
+REMEMBERED_CYCLES = 1.2
+"""Cycles without a command that are told apart: after one the clock may stop, and a network that is
+a little off must still say so.
+"""
 
 
 class GaitClock:
@@ -58,19 +68,24 @@ class GaitClock:
         moved = (phase + CONTROL_DT / gait.period) % 1.0
         self.phase = torch.where(self.stepping, moved, phase)
 
-    def pull(self, shown: torch.Tensor, share: float) -> None:
-        """Move the running clocks by ``share`` of the way to where ``shown`` (N, 2) points: sine
-        and cosine of the phase as a robot's motion shows it; short where it does not.
+    def memory(self) -> torch.Tensor:
+        """(N, MEMORY) all that the next step depends on, as a network can say it: sine and cosine
+        of the phase within the whole cycle, zeros where it rests; for how many cycles no velocity
+        was commanded, up to :data:`REMEMBERED_CYCLES`. In units of :data:`MEMORY_UNIT`.
         """
-        angle = torch.atan2(shown[:, 0], shown[:, 1]) / (2.0 * math.pi)
-        off = (angle - self.phase + 0.5) % 1.0 - 0.5
-        sure = self.stepping & (torch.linalg.vector_norm(shown, dim=1) > 0.5)
-        self.phase = torch.where(sure, (self.phase + share * off) % 1.0, self.phase)
-
-    def shown(self) -> torch.Tensor:
-        """(N, 2) sine and cosine of the phase within the whole cycle; zeros where it rests."""
         angle = 2.0 * math.pi * self.phase
-        return torch.stack((torch.sin(angle), torch.cos(angle)), dim=1) * self.stepping[:, None]
+        shown = torch.stack((torch.sin(angle), torch.cos(angle)), dim=1) * self.stepping[:, None]
+        idle = (self._idle / self.gait.period).clamp(max=REMEMBERED_CYCLES)
+        return torch.cat((shown, idle[:, None]), dim=1) / MEMORY_UNIT
+
+    def recall(self, memory: torch.Tensor, mask: torch.Tensor) -> None:
+        """Set the clocks of ``mask`` (N,) bool to what ``memory`` (N, MEMORY) says."""
+        sine, cosine, idle = (MEMORY_UNIT * memory).unbind(dim=1)
+        phase = (torch.atan2(sine, cosine) / (2.0 * math.pi)) % 1.0
+        stepping = torch.hypot(sine, cosine) > 0.5
+        self.phase = torch.where(mask & stepping, phase, self.phase)
+        self.stepping = torch.where(mask, stepping, self.stepping)
+        self._idle = torch.where(mask, self.gait.period * idle.clamp(min=0.0), self._idle)
 
     def reset(self, worlds: torch.Tensor, phase: torch.Tensor, stepping: torch.Tensor) -> None:
         """Set the clocks of ``worlds``: rows (K,) of phases and of whether they run."""

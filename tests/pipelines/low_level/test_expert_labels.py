@@ -15,7 +15,9 @@ from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
 from lacoloco.pipelines.generation.recorder import record
 from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
 from lacoloco.pipelines.policies import load_policies
-from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions
+from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, with_memory
+from lacoloco.pipelines.sim.gait.clock import MEMORY, MEMORY_UNIT
+from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext
 
@@ -51,8 +53,10 @@ def test_a_policy_that_does_what_was_recorded_is_told_the_same(robot, recorded):
     """The policy replays the clip's own actions: the expert says them again, row by row."""
     clips, experts = recorded
     labels, states = labels_for(robot, clips, experts)
-    scale = load_task(robot, "imitate").action_scale
-    actions = infer_actions(robot, states, scale)
+    task = load_task(robot, "imitate")
+    moves = infer_actions(robot, states, task.action_scale)
+    actions, previous = with_memory(states, moves, task.memory)
+    assert actions.shape == previous.shape == (len(moves), robot.num_joints + task.memory)
     for worlds in labels.experts.values():
         env = worlds.env
         env.task = replace(env.task, randomisation=replace(env.task.randomisation, push=0.0))
@@ -60,6 +64,9 @@ def test_a_policy_that_does_what_was_recorded_is_told_the_same(robot, recorded):
     told, falls = labels.collect(lambda observation, rows: actions[rows])
     assert len(told) == 8 * round(SECONDS / 0.02)
     assert falls == 0.0
+    # What follows the last state of a clip is not told.
+    known = told.rows != states.last[told.rows]
+    told = replace(told, actions=told.actions[known], rows=told.rows[known])
     same = (told.actions - actions[told.rows]).abs().max(dim=1).values
     # Masses and friction are drawn anew, so that the robots part in the end.
     assert same[told.rows == states.first[0]].max() < 1e-4
@@ -70,7 +77,7 @@ def test_states_are_the_policys_own_and_labels_the_experts(robot, recorded):
     """A policy that asks for another pose moves away from the clip and is contradicted."""
     clips, experts = recorded
     labels, states = labels_for(robot, clips, experts)
-    asked = 0.3 * torch.ones(robot.num_joints)
+    asked = 0.3 * torch.ones(robot.num_joints + load_task(robot, "imitate").memory)
     told, _ = labels.collect(lambda observation, rows: asked.expand(len(rows), -1))
     moved = (told.frames - states.flattened().frames[told.rows]).abs().max(dim=1).values
     assert moved.max() > 10 * moved[told.rows == states.first[0]].max().clamp_min(1e-3)
@@ -88,6 +95,22 @@ def test_clips_that_do_not_say_what_was_commanded_are_refused(solo12, recorded):
         labels_for(solo12, silent, experts)
 
 
+def test_an_expert_reads_its_clock_from_the_policys_memory(h1, walks_and_reaches):
+    """What the policy says about the clock is what the expert's next answer begins with."""
+    labels, _ = labels_for(h1, *walks_and_reaches)
+    worlds = labels.experts["walk"]
+    said = torch.zeros(8, h1.num_joints + MEMORY)
+    said[:, h1.num_joints] = 1.0 / MEMORY_UNIT  # a quarter of the cycle
+    worlds._begin(torch.ones(8, dtype=torch.bool))
+    worlds._last_action[:] = said
+    worlds.env.command[:] = torch.tensor([0.5, 0.0, 0.0])
+    _, asked, taken = worlds._step(said)
+    angle = torch.atan2(asked[:, -3], asked[:, -2]) / (2.0 * torch.pi)
+    later = 0.25 + CONTROL_DT / h1.gait.period
+    assert torch.allclose(angle, torch.full((8,), later), atol=1e-5)
+    assert torch.equal(taken, said)
+
+
 def test_clips_keep_what_was_commanded(robot, recorded, tmp_path):
     from lacoloco.datasets.clip import load_clips, save_clips
 
@@ -96,7 +119,11 @@ def test_clips_keep_what_was_commanded(robot, recorded, tmp_path):
     save_clips(file, clips, robot=(robot.name, robot.model_hash()), config={})
     read = load_clips(file)
     assert np.array_equal(read[0].command, clips[0].command)
-    assert read[0].resample(25.0).command is None
+    assert (read[0].gait_memory is None) == (robot.gait is None)
+    if robot.gait is not None:
+        assert np.array_equal(read[0].gait_memory, clips[0].gait_memory)
+    slower = read[0].resample(25.0)
+    assert slower.command is None and slower.gait_memory is None
 
 
 @pytest.fixture
@@ -112,7 +139,7 @@ def walks_and_reaches(h1, make_context):
 def test_states_from_which_nothing_saves_the_robot_do_not_count(h1, walks_and_reaches):
     """A policy that bends every joint falls; the last 0.4 s before a fall are left out."""
     labels, _ = labels_for(h1, *walks_and_reaches)
-    bent = torch.full((h1.num_joints,), 1.0)
+    bent = torch.full((h1.num_joints + MEMORY,), 1.0)
     told, falls = labels.collect(lambda observation, rows: bent.expand(len(rows), -1))
     steps = 2 * 8 * round(1.0 / 0.02)
     assert falls > 0

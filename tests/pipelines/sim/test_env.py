@@ -46,11 +46,11 @@ def throw_on_its_back(env, world):
 def test_both_robots_live_in_every_task(robot, name, make_motions):
     task = task_of(name, robot)
     env = LeggedEnv(robot, task, WORLDS, seed=1, motions=make_motions(robot))
-    joints = robot.num_joints
-    width = 10 + 3 * joints + (0 if name == "imitate" else 3) + (3 if task.gait else 0)
+    joints, actions = robot.num_joints, robot.num_joints + task.memory
+    width = 10 + 2 * joints + actions + (0 if name == "imitate" else 3) + (3 if task.gait else 0)
     generator = torch.Generator().manual_seed(0)
     for _ in range(30):
-        step = env.step(torch.randn(WORLDS, joints, generator=generator))
+        step = env.step(torch.randn(WORLDS, actions, generator=generator))
         assert env.observe().shape == (WORLDS, width)
         assert torch.isfinite(env.observe()).all()
         assert torch.isfinite(step.reward).all()
@@ -62,7 +62,7 @@ def test_both_robots_live_in_every_task(robot, name, make_motions):
 
 @pytest.mark.parametrize(
     ("name", "widths"),
-    [("imitate", (46, 67)), ("reach", (49, 70)), ("reach_in_place", (49, 73)), ("walk", (49, 73))],
+    [("imitate", (46, 70)), ("reach", (49, 73)), ("reach_in_place", (49, 73)), ("walk", (49, 73))],
 )
 def test_widths_of_the_observations(solo12, h1, name, widths):
     for spec, expected in zip((solo12, h1), widths, strict=True):

@@ -20,7 +20,7 @@ def test_feet_of_a_new_episode_touch_the_ground_without_entering_it(robot):
     task = imitate_task(robot, constrained=False)
     start = replace(task.reset, clip_share=0.0, joint_scale=(1.0, 1.0), lin_vel=0.0, ang_vel=0.0)
     env = LeggedEnv(robot, replace(task, reset=start, randomisation=NO_RANDOMISATION), 2, seed=0)
-    held = torch.zeros(2, robot.num_joints)
+    held = torch.zeros(2, env.num_actions)
     env.step(held)
     force = env.physics.foot_force[:, 0]
     # Thrown out, feet would be pressed with a multiple of the weight in the first substep.

@@ -23,7 +23,7 @@ class ScriptedEnv:
         self.task = SimpleNamespace(command=None, has_target=True)
         noise = ObservationNoise()
         self.spec = SimpleNamespace(
-            foot_force_limit=lambda: LIMIT, feet=("a", "b"), observation_noise=noise
+            foot_force_limit=lambda: LIMIT, feet=("a", "b"), observation_noise=noise, num_joints=12
         )
         self.physics = SimpleNamespace(foot_force=torch.zeros(2, 4, 2))
         self.falls, self.time_outs, self.count, self.resets = falls, time_outs, 0, []

@@ -79,14 +79,22 @@ def test_a_standing_robot_that_drifts_or_tilts_steps(clock, sign):
     assert clock.stepping
 
 
-def test_a_running_clock_follows_a_motion_and_a_resting_one_does_not(h1):
-    clock = GaitClock(h1.gait, 3, torch.device("cpu"))
-    clock.reset(torch.arange(3), torch.full((3,), 0.9), torch.tensor([True, False, True]))
-    ahead = clock.shown()
-    clock.reset(torch.arange(3), torch.full((3,), 0.1), torch.tensor([True, False, True]))
-    shown = torch.stack((ahead[0], ahead[0], 0.1 * ahead[0]))
-    clock.pull(shown, 0.5)
-    # From 0.1 to 0.9 the way over 0 is the shorter one; the third motion shows nothing clearly.
-    expected = torch.tensor([0.0, 0.1, 0.1])
-    off = (clock.phase - expected + 0.5) % 1.0 - 0.5
-    assert torch.allclose(off, torch.zeros(3), atol=1e-6)
+def test_a_clock_goes_on_from_its_memory_as_it_would_have_gone_on_itself(clock):
+    other = GaitClock(clock.gait, 1, torch.device("cpu"))
+    asked = [YES] * 50 + [NO] * 100 + [YES] * 3 + [NO] * 60
+    for step, now in enumerate(asked):
+        other.reset(torch.arange(1), torch.full((1,), 0.77), torch.tensor([step % 2 == 0]))
+        other.recall(clock.memory(), torch.tensor([True]))
+        for each in (clock, other):
+            advance(each, now)
+        assert other.stepping == clock.stepping, step
+        assert not clock.stepping or torch.allclose(other.phase, clock.phase, atol=1e-5), step
+
+
+def test_only_the_clocks_of_the_mask_recall(h1):
+    clock = GaitClock(h1.gait, 2, torch.device("cpu"))
+    clock.reset(torch.arange(2), torch.full((2,), 0.9), torch.tensor([True, True]))
+    memory = clock.memory()
+    clock.reset(torch.arange(2), torch.full((2,), 0.1), torch.tensor([True, True]))
+    clock.recall(memory, torch.tensor([True, False]))
+    assert torch.allclose(clock.phase, torch.tensor([0.9, 0.1]), atol=1e-6)
