@@ -39,10 +39,12 @@ class ShiftRow:
     Attributes:
         disturbances: Fields of :class:`lacoloco.pipelines.sim.disturbances.config.Disturbances`.
         randomisation: Fields of :class:`lacoloco.pipelines.sim.randomisation.Randomisation`.
+        reset: Fields of :class:`lacoloco.pipelines.sim.tasks.ResetConfig`.
     """
 
     disturbances: Mapping[str, Any] = field(default_factory=dict)
     randomisation: Mapping[str, Any] = field(default_factory=dict)
+    reset: Mapping[str, Any] = field(default_factory=dict)
 
     def apply(self, task: Task) -> Task:
         """The task with this row's change."""
@@ -50,6 +52,7 @@ class ShiftRow:
             task,
             disturbances=replace(task.disturbances, **self.disturbances),
             randomisation=replace(task.randomisation, **self.randomisation),
+            reset=replace(task.reset, **self.reset),
         )
 
 
@@ -66,6 +69,7 @@ _MOCAP = {
     "mocap-dropouts": ShiftRow({"mocap_dropout": 0.05}),
 }
 _ONE_BY_ONE = {
+    "stood-before": ShiftRow(reset={"stood_s": (0.2, 2.0)}),
     "noise": ShiftRow({"noise": 1.0}),
     **{f"action-latency-{ms}ms": _late("action_latency", ms) for ms in (5, 10, 20)},
     **{f"observation-latency-{ms}ms": _late("observation_latency", ms) for ms in (5, 10, 20)},
@@ -96,11 +100,13 @@ def _everything() -> ShiftRow:
     """All of it at once: 10 ms of both latencies, stiff contacts, physics and motors at 1 kHz."""
     disturbances: dict[str, Any] = {}
     randomisation: dict[str, Any] = {}
+    reset: dict[str, Any] = {}
     for name, row in _ONE_BY_ONE.items():
         if name not in _LEFT_OUT_OF_EVERYTHING:
             disturbances |= row.disturbances
             randomisation |= row.randomisation
-    return ShiftRow(disturbances | {"substeps": 20}, randomisation)
+            reset |= row.reset
+    return ShiftRow(disturbances | {"substeps": 20}, randomisation, reset)
 
 
 HARDWARE = {

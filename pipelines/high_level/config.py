@@ -10,6 +10,7 @@ from lacoloco.datasets.config_values import (
     Factor,
     PositiveFactor,
     Ramp,
+    Rising,
     Share,
     Steps,
     Within,
@@ -53,6 +54,8 @@ class TrainHighConfig:
             latent that stands never leaves it.
         randomisation: Factor on the spread of masses, centres of mass, friction and pushes;
             evaluation has a factor of 1.
+        stood_s: Shortest and longest time for which the robot has stood in the default pose before
+            an episode begins [s]; evaluation has 0.
         restart_probability: Share of falls after which a world restarts from a snapshot of up to
             1 s before, and share of failed episodes that are replayed from their start with the
             same target.
@@ -75,6 +78,7 @@ class TrainHighConfig:
     near_target_fraction: Share = 0.5
     noise_free_fraction: Share = 0.5
     randomisation: Annotated[float, Within(0, 10)] = 1.25
+    stood_s: Annotated[tuple[float, float], Within(0, 10), Rising()] = (0.0, 0.0)
     restart_probability: Share = 0.9
     replay_failed_from: Share = 0.4
     ppo: PpoConfig = field(

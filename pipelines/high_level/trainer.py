@@ -70,6 +70,7 @@ class HighTrainer:
             task,
             command=command,
             randomisation=widened(task.randomisation, config.randomisation),
+            reset=replace(task.reset, stood_s=config.stood_s),
             fall_tilt=spec.terminations.training_tilt,
         )
         env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)

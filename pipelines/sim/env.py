@@ -71,7 +71,7 @@ class LeggedEnv:
         if task.gait:
             terms = self._own_terms()
             self.guide = GaitGuide(spec, num_worlds, terms, self.device, reaches=task.has_target)
-        self._starts = StandingStarts(spec, task.reset.joint_scale, self.generator, self.device)
+        self._starts = StandingStarts(spec, task.reset, self.generator, self.device)
         self._falls = slice(
             0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies)
         )

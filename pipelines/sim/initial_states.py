@@ -8,14 +8,17 @@ the air (bug B7 of the original).
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from lacoloco.datasets.rotations import from_yaw, multiply, rotate
-from lacoloco.pipelines.sim.commands import Range, uniform
-from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.commands import uniform
+from lacoloco.pipelines.sim.engines import make_physics
+from lacoloco.pipelines.sim.physics import CONTROL_DT, PhysicsRequest
+from lacoloco.pipelines.sim.state import RobotState
 from lacoloco.robots.geometry import standing_height
 from lacoloco.robots.spec import RobotSpec
 
@@ -24,51 +27,85 @@ if TYPE_CHECKING:
     from lacoloco.pipelines.sim.tasks import ResetConfig
 
 POOL = 256
-"""Poses drawn once per environment; resets choose among them."""
+"""States drawn once per environment; resets choose among them."""
+LEANS, SAGS = 0.1, 0.2
+"""Tilt [rad] and share of the base's height beyond which a robot no longer stands but falls."""
 
 
 class StandingStarts:
-    """A pool of poses: default joint angles times independent factors from ``joint_scale``."""
+    """A pool of states: default joint angles times independent factors, and what became of them if
+    the robot has stood there for a while.
+    """
 
     def __init__(
-        self, spec: RobotSpec, joint_scale: Range, generator: torch.Generator, device: torch.device
+        self, spec: RobotSpec, start: ResetConfig, generator: torch.Generator, device: torch.device
     ) -> None:
-        """Draw the pool and measure its heights; the pool has one pose where there is no spread."""
+        """Draw the pool, by ``joint_scale`` and ``stood_s``, and measure its heights; it has one
+        state where there is no spread.
+        """
+        joint_scale, stood = start.joint_scale, start.stood_s
         count = POOL if joint_scale[0] < joint_scale[1] else 1
         joints = len(spec.joint_names)
         scale = uniform((joint_scale,) * joints, count, generator).to(device)
-        self.joint_pos = torch.tensor(spec.default_joint_pos, device=device) * scale
+        joint_pos = torch.tensor(spec.default_joint_pos, device=device) * scale
         heights = [
             standing_height(spec.model(), pose, spec.feet)
-            for pose in self.joint_pos.cpu().numpy().astype(np.float64)
+            for pose in joint_pos.cpu().numpy().astype(np.float64)
         ]
-        self.height = torch.tensor(heights, dtype=torch.float32, device=device)
+        self.qpos = torch.zeros(count, 7 + joints, device=device)
+        self.qpos[:, 2] = torch.tensor(heights, dtype=torch.float32, device=device)
+        self.qpos[:, 3], self.qpos[:, 7:] = 1.0, joint_pos
+        self.qvel = torch.zeros(count, 6 + joints, device=device)
+        if stood[1] > 0.0:
+            # No random number: who has stood is asked for the same as who has not.
+            every = self.qpos.expand(POOL, -1).clone() if count == 1 else self.qpos
+            seconds = torch.linspace(*stood, POOL, device=device)
+            self.qpos, self.qvel = _stood(spec, every, seconds)
 
     def anywhere(
         self, start: ResetConfig, count: int, generator: torch.Generator
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """(count, 7 + J), (count, 6 + J): standing with the feet on the ground, anywhere, any
-        heading.
+        heading, given a push as large as ``lin_vel`` and ``ang_vel`` say.
         """
         planar = uniform(
             ((-start.position, start.position),) * 2 + ((-start.heading, start.heading),),
             count,
             generator,
         )
-        joint_pos, height = self.draw(count, generator)
-        qpos = torch.cat(
-            (planar[:, :2], height[:, None], from_yaw(planar[:, 2]), joint_pos), dim=-1
+        chosen = torch.randint(
+            0, len(self.qpos), (count,), generator=generator, device=generator.device
         )
+        qpos, qvel, heading = self.qpos[chosen], self.qvel[chosen], from_yaw(planar[:, 2])
+        qpos[:, :2] += planar[:, :2]
+        qpos[:, 3:7] = multiply(heading, qpos[:, 3:7])
         linear = uniform(((-start.lin_vel, start.lin_vel),) * 3, count, generator)
         angular = uniform(((-start.ang_vel, start.ang_vel),) * 3, count, generator)
-        return qpos, torch.cat((linear, angular, torch.zeros_like(joint_pos)), dim=-1)
+        qvel[:, :3] = rotate(heading, qvel[:, :3]) + linear
+        qvel[:, 3:6] += angular
+        return qpos, qvel
 
-    def draw(self, count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-        """(count, J) joint angles [rad] and (count,) base heights [m]."""
-        chosen = torch.randint(
-            0, len(self.height), (count,), generator=generator, device=generator.device
-        )
-        return self.joint_pos[chosen], self.height[chosen]
+
+def _stood(
+    spec: RobotSpec, qpos: torch.Tensor, seconds: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """States (K, 7 + J), (K, 6 + J) of the robots of ``qpos`` after they held the default pose for
+    ``seconds`` (K,), or for as long as they stood.
+    """
+    physics = make_physics(PhysicsRequest(spec, len(qpos)), str(qpos.device))
+    physics.reset(torch.arange(len(qpos), device=qpos.device), qpos, torch.zeros_like(qpos[:, 1:]))
+    held = torch.tensor(spec.default_joint_pos, device=qpos.device).repeat(len(qpos), 1)
+    kept, stands = (physics.qpos, physics.qvel), torch.ones_like(seconds, dtype=torch.bool)
+    for step in range(round(float(seconds.max()) / CONTROL_DT)):
+        physics.step(held)
+        state = RobotState.from_generalized(physics.qpos, physics.qvel)
+        stands &= state.gravity_b[:, 2] < -math.cos(LEANS)
+        stands &= physics.qpos[:, 2] > (1.0 - SAGS) * qpos[:, 2]
+        now = (stands & (step * CONTROL_DT < seconds))[:, None]
+        after = (physics.qpos, physics.qvel)
+        kept = tuple(torch.where(now, new, old) for new, old in zip(after, kept, strict=True))
+    kept[0][:, :2] = qpos[:, :2]  # where it began is where its episode begins
+    return kept
 
 
 def clip_starts(

@@ -42,6 +42,11 @@ from lacoloco.robots.tables import (
 HalfTurn = Annotated[float, Rule("an angle in radians from 0 to pi", lambda x: 0 <= x <= PI)]
 
 
+Seconds = Annotated[
+    Range, Rule("two numbers of seconds from 0 to 10", lambda pair: pair[0] >= 0 and pair[1] <= 10)
+]
+
+
 @dataclass(frozen=True)
 class ResetConfig:
     """How an episode starts: from the default pose with these spreads, or from a frame of a clip.
@@ -54,6 +59,8 @@ class ResetConfig:
         lin_vel: Half-range of each component of the base's velocity [m/s].
         ang_vel: Half-range of each component of its turning [rad/s].
         joint_scale: Range of the factors on the default joint angles.
+        stood_s: For how long the robot has stood there by itself [s]: a robot of one's own sags
+            into its motors before a policy takes over. Those that would have fallen start sooner.
     """
 
     clip_share: Share = 0.0
@@ -63,6 +70,7 @@ class ResetConfig:
     lin_vel: NonNegative = 0.3
     ang_vel: NonNegative = 0.1
     joint_scale: Range = (0.9, 1.1)
+    stood_s: Seconds = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
