@@ -173,7 +173,7 @@ def test_motions_of_two_robots_are_refused(chain, tmp_path, h1, make_motions):
 def test_h1_walks_the_same_chain(tmp_path):
     chain = walk_the_chain(tmp_path, "h1")
     _, policies = load_policies(chain.high.artifact, "low", "high")
-    assert policies["low"].head.sizes == {"policy": 67, "latent": 7}
+    assert policies["low"].head.sizes == {"policy": 70, "latent": 7}
     assert policies["high"].head.sizes == {"policy": 58}
 
 
