@@ -11,6 +11,7 @@ from lacoloco.pipelines.generation.expert_trainer import without_noise
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.clip_actions import ClipStates
 from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.pipelines.sim.step import Step
 from lacoloco.pipelines.sim.tasks import Task, load_task
@@ -92,18 +93,21 @@ class ExpertWorlds:
         seed: int,
     ) -> None:
         """Build ``worlds`` worlds of the expert's task ``name``; the latent of one moment is held
-        for at most ``hold_steps`` control steps.
+        for at most ``hold_steps`` control steps, in some worlds no longer than a high level does.
         """
         device = states.qpos.device
         self._expert, self._states, self._watched = expert, states, watched
         imitate = load_task(spec, "imitate")
         self._scale, self._joints = imitate.action_scale, spec.num_joints
-        self._rests, self._hold_steps = spec.skills.walk_speed, hold_steps
+        self._rests = spec.skills.walk_speed
         self.env = LeggedEnv(
             spec, _performed(load_task(spec, name)), worlds, seed=seed, device=str(device)
         )
         self._generator = torch.Generator(device).manual_seed(seed)
-        self._performs = torch.arange(worlds, device=device) < worlds // 2
+        place = torch.arange(worlds, device=device) / worlds
+        self._performs = place < 0.5
+        shortest = min(HOLD_STEPS, hold_steps)
+        self._hold_steps = shortest * (hold_steps / shortest) ** (2.0 * place - 1.0)
         self._row = torch.zeros(worlds, dtype=torch.long, device=device)
         self._left = torch.zeros_like(self._row)
         width = spec.num_joints + imitate.memory
@@ -184,7 +188,7 @@ class ExpertWorlds:
         worlds = torch.nonzero(mask).flatten()
         row = self._drawn(self._watched.rows, len(worlds))
         self._row[worlds] = row
-        self._left[worlds] = (self._hold_steps * self._uniform()[worlds]).long()
+        self._left[worlds] = (self._hold_steps * self._uniform())[worlds].long()
         command, kind = self._watched.commands[row], self.env.task.command
         assert kind is not None
         pose, recorded = self.env.physics.qpos[worlds, :7], self._states.qpos[row, :7]
