@@ -2,8 +2,8 @@
 its second half of the cycle seen in the mirror.
 
 The policy stays a plain network. It only ever sees the first foot swing, so that what it learns of
-one leg holds for the other. Its clips show none of this: the low level that imitates them sees
-neither clock nor command.
+one leg holds for the other. The low level that imitates its clips sees no command, and keeps the
+clock in its own memory.
 """
 
 from __future__ import annotations
