@@ -39,6 +39,7 @@ OF_THE_CALL = re.compile(
     r"(.*_)?seconds|.*per_second.*|times_real_time|elapsed.*|sha256|.*path|key|hardware|html|kept"
 )
 """Entries that tell of the call, not of what it computed."""
+VERSION_NAME = re.compile(r"/\d{4}\b")
 NOTHING = ("no unfinished", "nothing to resume")
 """What `--resume` says where nothing was begun, or all was completed."""
 
@@ -180,7 +181,11 @@ def snapshot(runs: Path) -> dict[str, str]:
 
 
 def computed(version: Path) -> str:
-    """All that a version computed: arrays, metrics, the log of its training, names of files."""
+    """All that a version computed: arrays, metrics, the log of its training, names of files.
+
+    A verb that is given again instead of resumed makes the next version, and what is made from it
+    names that one.
+    """
     from lacoloco.datasets.artifact import read_artifact
 
     artifact = read_artifact(version / ARTIFACT)
@@ -188,7 +193,7 @@ def computed(version: Path) -> str:
     rows = [json.loads(line) for line in log.read_text().splitlines()] if log.is_file() else []
     names = sorted(file.name for file in version.rglob("*") if "tfevents" not in file.name)
     told = [artifact.data_hash, _metrics(artifact.metadata), _metrics(rows), names]
-    return json.dumps(told, sort_keys=True)
+    return VERSION_NAME.sub("/....", json.dumps(told, sort_keys=True))
 
 
 def _metrics(value: Any) -> Any:
@@ -304,7 +309,8 @@ def one_kill(sound: Sound, folder: Path, name: str, chance: random.Random) -> It
         yield f"lost: {name} made nothing"
     for version in made:
         if version.parent.name in verb.stages and (told := computed(version)) not in expected:
-            yield f"different: {version}: {_difference(told, expected[-1])}"
+            nearest = max(expected, key=lambda other: len(os.path.commonprefix([told, other])))
+            yield f"different: {version}: {_difference(told, nearest)}"
 
 
 def _moment(usual: Ended, chance: random.Random) -> Moment:
