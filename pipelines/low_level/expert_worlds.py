@@ -9,7 +9,7 @@ import torch
 
 from lacoloco.pipelines.generation.expert_trainer import without_noise
 from lacoloco.pipelines.policies import Policy
-from lacoloco.pipelines.sim.clip_actions import ClipStates
+from lacoloco.pipelines.sim.clip_actions import ClipStates, infer_actions, with_memory
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.state import RobotState, style_frame
@@ -76,8 +76,9 @@ class ExpertWorlds:
     """The worlds of one expert.
 
     In half of them the policy performs one clip from its start; in the others it takes up one
-    moment of some clip after the other, as under a high level. An expert with a gait's clock reads
-    it from the policy's memory: so what it says is a function of what the policy sees.
+    moment of some clip after the other, as under a high level. What the expert says has to be a
+    function of what the policy sees: so an expert with a gait's clock reads it from the policy's
+    memory, and leads the arm on from where the policy's last action led it.
     """
 
     def __init__(
@@ -99,6 +100,8 @@ class ExpertWorlds:
         self._expert, self._states, self._watched = expert, states, watched
         imitate = load_task(spec, "imitate")
         self._scale, self._joints = imitate.action_scale, spec.num_joints
+        actions = infer_actions(spec, states, self._scale)
+        self._previous = with_memory(states, actions, imitate.memory)[1]
         self._rests = spec.skills.walk_speed
         self.env = LeggedEnv(
             spec, _performed(load_task(spec, name)), worlds, seed=seed, device=str(device)
@@ -110,8 +113,7 @@ class ExpertWorlds:
         self._hold_steps = shortest * (hold_steps / shortest) ** (2.0 * place - 1.0)
         self._row = torch.zeros(worlds, dtype=torch.long, device=device)
         self._left = torch.zeros_like(self._row)
-        width = spec.num_joints + imitate.memory
-        self._last_action = torch.zeros(worlds, width, device=self.env.device)
+        self._last_action = torch.zeros_like(self._previous[self._row])
 
     def collect(self, student: Student) -> tuple[LabelledStates, int, int]:
         """Let the policy move for as long as the shortest clip, and ask the expert.
@@ -155,6 +157,8 @@ class ExpertWorlds:
         if env.guide is not None:
             everywhere = torch.ones_like(self._performs)
             env.guide.clock.recall(self._last_action[:, joints:], everywhere)
+            led = env.default_joint_pos + self._scale * self._last_action[:, :joints]
+            env.guide.lead_from(led - env.task.action_scale * env.action)
         targets = env.default_joint_pos + self._scale * own[:, :joints]
         outcome = env.step(self._expert(env.observe()), instead=targets)
         asked = (env.joint_target - env.default_joint_pos) / self._scale
@@ -174,11 +178,9 @@ class ExpertWorlds:
         rest = self._drawn(watched.starts, len(worlds))
         performs = self._performs[worlds]
         begin = torch.where(performs, first, rest)
-        still = torch.zeros_like(self._last_action[worlds])
-        still[:, self._joints :] = states.memory[begin, : still.shape[1] - self._joints]
-        resting = still[:, : self._joints]
-        env.start_from(worlds, states.qpos[begin], states.qvel[begin], resting)
-        self._last_action[worlds] = still
+        nothing = torch.zeros_like(env.action[worlds])
+        env.start_from(worlds, states.qpos[begin], states.qvel[begin], nothing)
+        self._last_action[worlds] = self._previous[begin]
         self._row[worlds], self._left[worlds] = begin, states.remaining[begin]
         env.command[worlds] = watched.commands[begin]
         self._take_up(mask & ~self._performs)

@@ -118,6 +118,15 @@ class GaitGuide:
             self._servo.advance(qpos, command)
             self.joint_pos[:, self._servo.joints] = self._servo.joint_pos
 
+    def lead_from(self, joint_pos: torch.Tensor) -> None:
+        """Lead the arm on from a reference (N, J) [rad], where a task reaches.
+
+        An arm that somebody else moves does not follow its reference, which would then run away
+        from it.
+        """
+        if self._servo is not None:
+            self._servo.joint_pos = joint_pos[:, self._servo.joints]
+
     def update(self, state: RobotState, qpos: torch.Tensor) -> None:
         """End a control step: measure what the rewards read."""
         share = CONTROL_DT / SMOOTHING_S

@@ -111,6 +111,21 @@ def test_an_expert_reads_its_clock_from_the_policys_memory(h1, walks_and_reaches
     assert torch.equal(taken, said)
 
 
+def test_an_expert_leads_the_arm_on_from_where_the_policy_has_it(h1, walks_and_reaches):
+    """A policy that holds the arm still is told one small step at a time, not what has piled up."""
+    labels, states = labels_for(h1, *walks_and_reaches)
+    hold = torch.zeros(h1.num_joints + MEMORY)
+    told, _ = labels.collect(lambda observation, rows: hold.expand(len(rows), -1))
+    arm = [i for i, name in enumerate(h1.joint_names) if name.startswith("right_")][5:]
+    of_reaching = told.rows >= len(states.last) // 2
+    held = of_reaching & (told.previous[:, : h1.num_joints] == 0.0).all(dim=1)
+    scale = load_task(h1, "imitate").action_scale
+    assert held.sum() > 50
+    # At most 2 rad/s for a control step, and what the expert adds.
+    assert (scale * told.actions[held][:, arm]).abs().median() < 0.1
+    assert (scale * told.actions[held][:, arm]).abs().max() < 0.5
+
+
 def test_clips_keep_what_was_commanded(robot, recorded, tmp_path):
     from lacoloco.datasets.clip import load_clips, save_clips
 
