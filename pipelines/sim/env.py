@@ -191,11 +191,11 @@ class LeggedEnv:
         if self.motions is not None and self.task.reset.clip_share > 0.0:
             chosen = select(self._uniform(len(worlds)) < pick(self.clip_share, worlds))
             if len(chosen):
-                memory = action[:, self.num_actions - self.task.memory :]
-                start = clip_starts(
-                    self.motions, len(chosen), self.generator, memory=self.task.memory
-                )
-                for target, value in zip((qpos, qvel, memory), start, strict=True):
+                start = clip_starts(self.motions, len(chosen), self.generator)
+                asked = (start.joint_target - self.default_joint_pos) / self.task.action_scale
+                before = torch.cat((asked, start.memory[:, : self.task.memory]), dim=1)
+                values = (start.qpos, start.qvel, before.nan_to_num())
+                for target, value in zip((qpos, qvel, action), values, strict=True):
                     put(target, chosen, value)
         self.physics.reset(worlds, qpos, qvel)
         self._read(worlds)

@@ -9,6 +9,7 @@ the air (bug B7 of the original).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -108,13 +109,26 @@ def _stood(
     return kept
 
 
-def clip_starts(
-    motions: MotionLibrary, count: int, generator: torch.Generator, *, memory: int = 0
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(count, 7 + J), (count, 6 + J): a random moment of a random clip, heading re-drawn,
-    velocities turned with it; (count, memory) where the expert's clock stood, zeros where nobody
-    knows.
+@dataclass(frozen=True)
+class ClipStarts:
+    """Where K episodes begin.
+
+    Attributes:
+        qpos: (K, 7 + J) generalised positions.
+        qvel: (K, 6 + J) generalised velocities.
+        joint_target: (K, J) where the motors were asked to go a control step before [rad], NaN
+            where nobody knows.
+        memory: (K, 3) where the expert's gait clock stood, likewise.
     """
+
+    qpos: torch.Tensor
+    qvel: torch.Tensor
+    joint_target: torch.Tensor
+    memory: torch.Tensor
+
+
+def clip_starts(motions: MotionLibrary, count: int, generator: torch.Generator) -> ClipStarts:
+    """A random moment of a random clip each, heading re-drawn, velocities turned with it."""
     clips, times = motions.sample(count, generator=generator)
     frames = motions.frames(clips, times)
     heading = from_yaw(uniform(((-torch.pi, torch.pi),), count, generator)[:, 0])
@@ -124,5 +138,10 @@ def clip_starts(
     qpos = torch.cat((position, quat, frames.joint_pos), dim=-1)
     linear = rotate(quat, frames.root_lin_vel_b)
     qvel = torch.cat((linear, frames.root_ang_vel_b, frames.joint_vel), dim=-1)
-    known = motions.gait_memory(clips, times, CONTROL_DT).nan_to_num() if memory else qpos[:, :0]
-    return qpos, qvel, known
+    before = (times - CONTROL_DT).clamp(min=0.0)
+    return ClipStarts(
+        qpos,
+        qvel,
+        motions.joint_targets(clips, before, CONTROL_DT),
+        motions.gait_memory(clips, times, CONTROL_DT),
+    )

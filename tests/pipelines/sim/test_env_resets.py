@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import mujoco
+import numpy as np
 import pytest
 import torch
 
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.tasks import imitate_task, load_task
@@ -68,6 +70,27 @@ def test_clip_starts_move_as_the_clip_does_whatever_their_heading(make_env, moti
     assert 0.05 < float(swing.max()) <= 0.1001
     # Joint velocities come along: 8 rad/s x 0.1 rad.
     assert 0.5 < float(state.joint_vel.abs().max()) < 0.85
+
+
+def test_who_starts_in_a_clip_has_just_done_what_led_there(robot, make_clips):
+    """The policy sees its last action; in the midst of a step it has not been zero."""
+    task = imitate_task(robot, constrained=False)
+    task = replace(task, reset=replace(task.reset, clip_share=1.0), randomisation=NO_RANDOMISATION)
+    clips = []
+    for clip in make_clips(robot):
+        ahead = clip.joint_pos + 0.01 * clip.joint_vel
+        memory = np.tile([0.5, 0.0, 1.0], (clip.frames, 1))
+        clips.append(replace(clip, joint_target=ahead, gait_memory=memory))
+    env = LeggedEnv(robot, task, 64, seed=0, motions=MotionLibrary(clips))
+    joints = robot.num_joints
+    asked = env.default_joint_pos + task.action_scale * env.action[:, :joints]
+    # The nearest frame a control step earlier, or the first one.
+    earlier = env.state.joint_pos - 0.01 * env.state.joint_vel
+    assert (asked - earlier).abs().max() < 0.017
+    assert (asked - env.default_joint_pos).abs().max() > 0.09
+    assert torch.equal(
+        env.action[:, joints:], torch.tensor([[0.5, 0.0, 1.0]])[:, : task.memory].expand(64, -1)
+    )
 
 
 def test_the_share_of_clip_starts_is_as_asked(make_env, motions, solo12):
