@@ -45,8 +45,13 @@ class Cloning:
             actor, self._embedding, data, self._sample, steps=steps, generator=self._generator
         )
 
-    def ask(self, actor: MLPModel, labels: ExpertLabels) -> float:
-        """Let the actor move by itself, and keep what the experts say.
+    def ask(self, actor: MLPModel, labels: ExpertLabels, action_noise: float) -> float:
+        """Let the actor move by itself, with the noise of training, and keep what the experts say.
+
+        Args:
+            actor: The actor.
+            labels: Worlds with experts.
+            action_noise: Standard deviation of the noise on its actions.
 
         Returns:
             Its falls per 1000 steps.
@@ -62,7 +67,7 @@ class Cloning:
             mean: torch.Tensor = actor(groups)
             return mean
 
-        new, falls = labels.collect(student)
+        new, falls = labels.collect(student, self._data.noise, action_noise)
         self._asked = new if self._asked is None else LabelledStates.joined([self._asked, new])
         return falls
 

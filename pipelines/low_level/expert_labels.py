@@ -73,14 +73,18 @@ class ExpertLabels:
                 "generate, or train with expert_rounds=0"
             )
 
-    def collect(self, student: Student) -> tuple[LabelledStates, float]:
+    def collect(
+        self, student: Student, noise: torch.Tensor, action_noise: float
+    ) -> tuple[LabelledStates, float]:
         """Let the policy move by itself and ask every expert at every step; see
         :meth:`~lacoloco.pipelines.low_level.expert_worlds.ExpertWorlds.collect`.
 
         Returns:
             The states, and falls per 1000 steps.
         """
-        collected = [worlds.collect(student) for worlds in self.experts.values()]
+        collected = [
+            worlds.collect(student, noise, action_noise) for worlds in self.experts.values()
+        ]
         states, steps, falls = zip(*collected, strict=True)
         return LabelledStates.joined(list(states)), 1000.0 * sum(falls) / sum(steps)
 

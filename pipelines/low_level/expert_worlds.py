@@ -115,12 +115,19 @@ class ExpertWorlds:
         self._left = torch.zeros_like(self._row)
         self._last_action = torch.zeros_like(self._previous[self._row])
 
-    def collect(self, student: Student) -> tuple[LabelledStates, int, int]:
+    def collect(
+        self, student: Student, noise: torch.Tensor, action_noise: float
+    ) -> tuple[LabelledStates, int, int]:
         """Let the policy move for as long as the shortest clip, and ask the expert.
 
         Half of the worlds begin as the expert and are handed over at a time of their own, so that
         the policy is also seen in the middle of what the expert began. Where the robot falls, the
         world begins anew.
+
+        Args:
+            student: The policy.
+            noise: (F + A,) half-ranges of the uniform noise on what it sees.
+            action_noise: Standard deviation of the noise on its actions.
 
         Returns:
             The states; how many steps there were; how many robots fell.
@@ -135,7 +142,9 @@ class ExpertWorlds:
             speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
             counted.append(~self._watched.stops[row] | (speed > self._rests))
             observation = torch.cat((frame, last), dim=-1)
-            own = student(observation, row).masked_fill((step < handover)[:, None], torch.nan)
+            own = student(observation + noise * (2.0 * self._like(observation) - 1.0), row)
+            own = own + action_noise * self._like(own, torch.randn)
+            own = own.masked_fill((step < handover)[:, None], torch.nan)
             outcome, asked, self._last_action = self._step(own)
             kept.append((frame, last, asked, row))
             falls += outcome.fell.sum()
@@ -213,7 +222,12 @@ class ExpertWorlds:
         return choices[chosen]
 
     def _uniform(self) -> torch.Tensor:
-        return torch.rand(self.env.num_worlds, generator=self._generator, device=self.env.device)
+        return self._like(self.env.physics.qpos[:, 0])
+
+    def _like(
+        self, values: torch.Tensor, draw: Callable[..., torch.Tensor] = torch.rand
+    ) -> torch.Tensor:
+        return draw(values.shape, generator=self._generator, device=values.device)
 
 
 def _performed(task: Task) -> Task:

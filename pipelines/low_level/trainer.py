@@ -144,7 +144,7 @@ class LowTrainer:
         error = cloning.fit(self.algorithm.actor, config.bc_steps)
         for _ in range(config.expert_rounds):
             assert self.labels is not None
-            falls = cloning.ask(self.algorithm.actor, self.labels)
+            falls = cloning.ask(self.algorithm.actor, self.labels, config.exploration_std)
             error = cloning.fit(self.algorithm.actor, config.bc_steps)
             metrics["expert_falls_per_1000_steps"] = falls
         if config.expert_rounds:

@@ -22,6 +22,7 @@ from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext
 
 SECONDS = 0.4
+QUIET = (torch.zeros(()), 0.0)
 
 
 @pytest.fixture
@@ -61,7 +62,7 @@ def test_a_policy_that_does_what_was_recorded_is_told_the_same(robot, recorded):
         env = worlds.env
         env.task = replace(env.task, randomisation=replace(env.task.randomisation, push=0.0))
         worlds._performs[:] = True
-    told, falls = labels.collect(lambda observation, rows: actions[rows])
+    told, falls = labels.collect(lambda observation, rows: actions[rows], *QUIET)
     assert len(told) == 8 * round(SECONDS / 0.02)
     assert falls == 0.0
     # What follows the last state of a clip is not told.
@@ -78,7 +79,7 @@ def test_states_are_the_policys_own_and_labels_the_experts(robot, recorded):
     clips, experts = recorded
     labels, states = labels_for(robot, clips, experts)
     asked = 0.3 * torch.ones(robot.num_joints + load_task(robot, "imitate").memory)
-    told, _ = labels.collect(lambda observation, rows: asked.expand(len(rows), -1))
+    told, _ = labels.collect(lambda observation, rows: asked.expand(len(rows), -1), *QUIET)
     moved = (told.frames - states.flattened().frames[told.rows]).abs().max(dim=1).values
     assert moved.max() > 10 * moved[told.rows == states.first[0]].max().clamp_min(1e-3)
     own = torch.isclose(told.previous, asked, atol=1e-5).all(dim=1)
@@ -115,7 +116,7 @@ def test_an_expert_leads_the_arm_on_from_where_the_policy_has_it(h1, walks_and_r
     """A policy that holds the arm still is told one small step at a time, not what has piled up."""
     labels, states = labels_for(h1, *walks_and_reaches)
     hold = torch.zeros(h1.num_joints + MEMORY)
-    told, _ = labels.collect(lambda observation, rows: hold.expand(len(rows), -1))
+    told, _ = labels.collect(lambda observation, rows: hold.expand(len(rows), -1), *QUIET)
     arm = [i for i, name in enumerate(h1.joint_names) if name.startswith("right_")][5:]
     of_reaching = told.rows >= len(states.last) // 2
     held = of_reaching & (told.previous[:, : h1.num_joints] == 0.0).all(dim=1)
@@ -155,7 +156,7 @@ def test_states_from_which_nothing_saves_the_robot_do_not_count(h1, walks_and_re
     """A policy that bends every joint falls; the last 0.4 s before a fall are left out."""
     labels, _ = labels_for(h1, *walks_and_reaches)
     bent = torch.full((h1.num_joints + MEMORY,), 1.0)
-    told, falls = labels.collect(lambda observation, rows: bent.expand(len(rows), -1))
+    told, falls = labels.collect(lambda observation, rows: bent.expand(len(rows), -1), *QUIET)
     steps = 2 * 8 * round(1.0 / 0.02)
     assert falls > 0
     assert len(told) <= steps - 10 * round(falls * steps / 1000.0)
