@@ -78,6 +78,8 @@ def test_states_are_the_policys_own_and_labels_the_experts(robot, recorded):
     """A policy that asks for another pose moves away from the clip and is contradicted."""
     clips, experts = recorded
     labels, states = labels_for(robot, clips, experts)
+    for worlds in labels.experts.values():
+        worlds._performs[:] = True
     asked = 0.3 * torch.ones(robot.num_joints + load_task(robot, "imitate").memory)
     told, _ = labels.collect(lambda observation, rows: asked.expand(len(rows), -1), *QUIET)
     moved = (told.frames - states.flattened().frames[told.rows]).abs().max(dim=1).values
@@ -110,6 +112,26 @@ def test_an_expert_reads_its_clock_from_the_policys_memory(h1, walks_and_reaches
     later = 0.25 + CONTROL_DT / h1.gait.period
     assert torch.allclose(angle, torch.full((8,), later), atol=1e-5)
     assert torch.equal(taken, said)
+
+
+def test_a_policy_is_asked_with_the_noise_of_training(robot, recorded):
+    """What it sees is off by the noise, what it did is kept with it; labelled states are clean."""
+    clips, experts = recorded
+    labels, states = labels_for(robot, clips, experts)
+    seen, width = [], 10 + 3 * robot.num_joints + load_task(robot, "imitate").memory
+
+    def student(observation, rows):
+        seen.append(observation)
+        return torch.zeros(len(rows), width - 10 - 2 * robot.num_joints)
+
+    noise = torch.zeros(width)
+    noise[1] = 0.05
+    told, _ = labels.collect(student, noise, 0.02)
+    clean = torch.cat((told.frames, told.previous), dim=1)
+    off = torch.cat(seen) - clean
+    assert off[:, 2:].abs().max() == 0.0 and 0.02 < off[:, 1].abs().max() <= 0.05
+    own = told.previous[(told.previous.abs() < 0.1).all(dim=1)]
+    assert 0.01 < own[own != 0.0].std() < 0.03
 
 
 def test_an_expert_leads_the_arm_on_from_where_the_policy_has_it(h1, walks_and_reaches):
