@@ -29,6 +29,10 @@ from lacoloco.pipelines.training.diagnostics import low_level_warnings
 from lacoloco.pipelines.training.train_stage import TrainStage
 from lacoloco.robots.spec import RobotSpec
 
+ROUNDS_OF_A_GAIT = 7
+"""Rounds of questions to the experts of a robot that does not stand by itself: falls where they are
+asked go from 5.8 to 0.3 per 1000 steps (``learn/LOG.md``).
+"""
 LOG_KEYS = (
     "imitation_reward",
     "encoder_cosine",
@@ -53,6 +57,7 @@ def smoke() -> TrainLowConfig:
         ppo=PpoConfig(horizon=8, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
         bc_steps=4,
+        expert_rounds=0,
         coverage_every=0,
         coverage_latents=16,
         ase=AseConfig(updates=2, batch=64, replay_capacity=256),
@@ -86,6 +91,14 @@ def paper() -> TrainLowConfig:
     )
 
 
+def expert_rounds(config: TrainLowConfig, clips: Sequence[Clip], spec: RobotSpec) -> int:
+    """Rounds of questions to the experts: what the config says, or what the robot needs."""
+    if config.expert_rounds is not None:
+        return config.expert_rounds
+    commanded = any(clip.command is not None for clip in clips)
+    return ROUNDS_OF_A_GAIT if spec.gait is not None and commanded and config.bc_steps else 0
+
+
 PRESETS: dict[str, Callable[[], TrainLowConfig]] = {
     "smoke": smoke,
     "laptop": laptop,
@@ -101,8 +114,8 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         StageError: the artifacts hold clips of different robots.
         ArtifactError: an input is missing or damaged.
     """
-    mine = shared(config)
     clips, spec = load_motions(motions, context.progress.say)
+    mine = replace(shared(config), expert_rounds=expert_rounds(config, clips, spec))
     shares = dict(config.skill_shares)
     library = MotionLibrary(
         clips,

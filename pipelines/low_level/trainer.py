@@ -33,6 +33,10 @@ from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_
 from lacoloco.pipelines.sim.tasks import Task, imitate_task
 from lacoloco.robots.spec import RobotSpec
 
+ASKED_AFTER, ALL_ASKED = 0.5, 2
+"""Factors on the gradient steps of cloning, before each round of questions to the experts and after
+the last one. The H1's low level fell in 39 % of the episodes after 1500 steps, in 16 % after 4000.
+"""
 LONG_HORIZON_S = 10.0
 """Length of the episodes of the reach task [s]."""
 
@@ -116,6 +120,7 @@ class LowTrainer:
         self.samples_per_iteration = config.worlds * config.ppo.horizon
         self.recent_falls: list[float] = []
         self.algorithm.warm_up(self._first_observations())
+        self.algorithm.keeps_normalizer = config.bc_steps > 0
 
     @property
     def iterations(self) -> int:
@@ -141,12 +146,13 @@ class LowTrainer:
             noise_scale(env.terms).to(env.device),
         )
         cloning = Cloning(self.clips, self.embedding, data, self._cloned, self.generator)
-        error = cloning.fit(self.algorithm.actor, config.bc_steps)
-        for _ in range(config.expert_rounds):
+        for _ in range(config.expert_rounds or 0):
             assert self.labels is not None
+            cloning.fit(self.algorithm.actor, round(ASKED_AFTER * config.bc_steps))
             falls = cloning.ask(self.algorithm.actor, self.labels, config.exploration_std)
-            error = cloning.fit(self.algorithm.actor, config.bc_steps)
             metrics["expert_falls_per_1000_steps"] = falls
+        longer = ALL_ASKED if config.expert_rounds else 1
+        error = cloning.fit(self.algorithm.actor, longer * config.bc_steps)
         if config.expert_rounds:
             cloned = Policy(self.head, self.algorithm.actor)
             switching = latent_switching_robustness(self.spec, cloned, seed=self.seed)

@@ -103,8 +103,10 @@ def _stood(
         stands &= state.gravity_b[:, 2] < -math.cos(LEANS)
         stands &= physics.qpos[:, 2] > (1.0 - SAGS) * qpos[:, 2]
         now = (stands & (step * CONTROL_DT < seconds))[:, None]
-        after = (physics.qpos, physics.qvel)
-        kept = tuple(torch.where(now, new, old) for new, old in zip(after, kept, strict=True))
+        kept = (
+            torch.where(now, physics.qpos, kept[0]),
+            torch.where(now, physics.qvel, kept[1]),
+        )
     kept[0][:, :2] = qpos[:, :2]  # where it began is where its episode begins
     return kept
 

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
+from lacoloco.pipelines import train_low
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level.trainer import LowTrainer
@@ -35,6 +37,31 @@ def sign_relation(transitions):
     moved = (after - before)[..., JOINTS].flatten()
     speed = 0.5 * (before + after)[..., SPEEDS].flatten()
     return float(torch.corrcoef(torch.stack([moved, speed]))[0, 1])
+
+
+def test_a_cloned_actor_keeps_its_statistics_and_another_learns_them(make_trainer):
+    for steps in (4, 0):
+        trainer = make_trainer(bc_steps=steps)
+        if steps:
+            trainer.pretrain()
+        actor, critic = trainer.algorithm.actor, trainer.algorithm.critic
+        before = [net.obs_normalizer.count.clone() for net in (actor, critic)]
+        trainer.iterate(0.0)
+        moved = [
+            bool(net.obs_normalizer.count > count)
+            for net, count in zip((actor, critic), before, strict=True)
+        ]
+        assert moved == [steps == 0, True]
+
+
+def test_a_robot_with_a_gait_asks_its_experts_and_others_do_not(h1, solo12, make_clips):
+    laptop, silent = train_low.laptop(), make_clips(h1)
+    spoken = [replace(clip, command=np.zeros((clip.frames, 3))) for clip in silent]
+    assert train_low.expert_rounds(laptop, spoken, h1) == train_low.ROUNDS_OF_A_GAIT
+    assert train_low.expert_rounds(laptop, silent, h1) == 0
+    assert train_low.expert_rounds(replace(laptop, bc_steps=0), spoken, h1) == 0
+    assert train_low.expert_rounds(laptop, spoken, solo12) == 0
+    assert train_low.expert_rounds(replace(laptop, expert_rounds=2), silent, solo12) == 2
 
 
 def test_demonstrations_and_agent_share_one_direction_of_time(make_trainer):
