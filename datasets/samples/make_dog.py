@@ -151,7 +151,7 @@ def _fore_leg(
     ) / np.linalg.norm(_SCAPULA)
     arm = withers + skeleton.length(f"{side}Arm") * np.einsum("tij,tj->ti", axes, scapula)
     lengths = skeleton.length(f"{side}ForeArm"), skeleton.length(f"{side}Hand")
-    elbow = _two_links(arm, wrist, *lengths, -axes[..., 0])
+    elbow = skeleton.two_links(arm, wrist, *lengths, -axes[..., 0])
     points |= {f"{side}Arm": arm, f"{side}ForeArm": elbow}
     points |= {f"{side}Hand": wrist, f"{side}Hand_end": paw}
 
@@ -162,7 +162,7 @@ def _hind_leg(
     """Knee by two links between the hip joint and the hock above the planted paw."""
     paw, hock = _paw(t, f"{side}Foot", _HIND)
     lengths = skeleton.length(f"{side}Leg"), skeleton.length(f"{side}Foot")
-    knee = _two_links(points[f"{side}UpLeg"], hock, *lengths, -trunk["Hips"][..., 0])
+    knee = skeleton.two_links(points[f"{side}UpLeg"], hock, *lengths, -trunk["Hips"][..., 0])
     points |= {f"{side}Leg": knee, f"{side}Foot": hock, f"{side}Foot_end": paw}
 
 
@@ -200,22 +200,6 @@ def _footprints(t: np.ndarray, joint: str, limb: _Limb) -> tuple[np.ndarray, np.
     pair = [points[f"{side}{'Shoulder' if fore else 'UpLeg'}"] for side in ("Left", "Right")]
     aside = limb.aside if joint.startswith("Left") else -limb.aside
     return 0.5 * (pair[0] + pair[1])[:, :2] + limb.ahead * ahead + aside * left, direction
-
-
-def _two_links(
-    start: np.ndarray, end: np.ndarray, first: float, second: float, towards: np.ndarray
-) -> np.ndarray:
-    """The joint (T, 3) between two links of given lengths, bent to the side of `towards`."""
-    line = end - start
-    distance = np.linalg.norm(line, axis=1, keepdims=True)
-    if distance.max() > 0.99 * (first + second):
-        worst = int(distance.argmax())
-        raise ValueError(f"a leg would have to be straight in frame {worst}")
-    line /= distance
-    along = (distance**2 + first**2 - second**2) / (2 * distance)
-    across = towards - (towards * line).sum(1, keepdims=True) * line
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return start + along * line + np.sqrt(first**2 - along**2) * across
 
 
 def _axes(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:

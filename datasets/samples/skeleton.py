@@ -7,9 +7,14 @@ At zero rotation every bone points along its parent's x axis.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-OFFSETS: dict[str, tuple[str, tuple[float, float, float]]] = {
+Offsets = Mapping[str, tuple[str, tuple[float, float, float]]]
+"""Node -> parent and offset in the parent's axes, cm; in file order, parents first."""
+
+OFFSETS: Offsets = {
     "Hips": ("", (-31.5, 12.25, -420.0)),  # left over from a capture set-up; readers ignore it
     "Spine": ("Hips", (0, 0, 0)),
     "Spine1": ("Spine", (20, 0, 0)),
@@ -38,7 +43,7 @@ OFFSETS: dict[str, tuple[str, tuple[float, float, float]]] = {
     "Tail1": ("Tail", (12, 0, 0)),
     "Tail1_end": ("Tail1", (12, 0, 0)),
 }
-"""Node -> parent and offset in the parent's axes, cm; in file order, parents first."""
+"""Those of the dog."""
 
 TO_BVH = np.array([[-1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
 """World vector (z up) -> file vector (y up), a proper rotation and its own inverse."""
@@ -84,10 +89,35 @@ def joint_frames(
     return frames
 
 
-def channels(points: dict[str, np.ndarray], frames: dict[str, np.ndarray]) -> np.ndarray:
-    """Rows (T, 66) of a BVH file: root position in cm, then z, x, y angles of all joints in deg."""
+def two_links(
+    start: np.ndarray, end: np.ndarray, first: float, second: float, towards: np.ndarray
+) -> np.ndarray:
+    """The joint (T, 3) between two links of given lengths, bent to the side of `towards`."""
+    line = end - start
+    distance = np.linalg.norm(line, axis=1, keepdims=True)
+    if distance.max() > 0.99 * (first + second):
+        worst = int(distance.argmax())
+        raise ValueError(f"a leg would have to be straight in frame {worst}")
+    line /= distance
+    along = (distance**2 + first**2 - second**2) / (2 * distance)
+    across = towards - (towards * line).sum(1, keepdims=True) * line
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return start + along * line + np.sqrt(first**2 - along**2) * across
+
+
+def channels(
+    points: dict[str, np.ndarray], frames: dict[str, np.ndarray], offsets: Offsets = OFFSETS
+) -> np.ndarray:
+    """Rows (T, 3 + 3 J) of a BVH file with J joints: root position in cm, then z, x, y angles of
+    all joints in deg.
+
+    Args:
+        points: the root's, named "Hips", world, m.
+        frames: world axes (T, 3, 3) of all joints.
+        offsets: the skeleton.
+    """
     columns = [100 * points["Hips"] @ TO_BVH.T]
-    for name, (parent, _) in OFFSETS.items():
+    for name, (parent, _) in offsets.items():
         if name.endswith("_end"):
             continue
         base = np.swapaxes(frames[parent], -1, -2) if parent else TO_BVH
@@ -103,18 +133,18 @@ def _euler_zxy(matrix: np.ndarray) -> np.ndarray:
     return np.stack([z, x, y], axis=-1)
 
 
-def bvh_text(rows: np.ndarray, *, newline: str = "\n") -> str:
+def bvh_text(rows: np.ndarray, offsets: Offsets = OFFSETS, *, newline: str = "\n") -> str:
     """A BVH file, laid out as the recordings are: two spaces per level, a tab after `Frames:`."""
-    lines = ["HIERARCHY", *_node_lines("Hips", 0), "MOTION", f"Frames:\t{len(rows)}"]
+    lines = ["HIERARCHY", *_node_lines("Hips", 0, offsets), "MOTION", f"Frames:\t{len(rows)}"]
     lines.append("Frame Time:\t0.0166667")
     # Five decimals of a degree keep every point within 1e-6 m.
     lines += [" ".join(f"{value:.5f}" for value in row) for row in rows]
     return newline.join([*lines, ""])
 
 
-def _node_lines(name: str, depth: int) -> list[str]:
+def _node_lines(name: str, depth: int, offsets: Offsets) -> list[str]:
     pad = "  " * depth
-    parent, numbers = OFFSETS[name]
+    parent, numbers = offsets[name]
     values = " ".join(f"{value:g}" for value in numbers)
     if name.endswith("_end"):
         return [f"{pad}End Site", pad + "{", f"{pad}  OFFSET {values}", pad + "}"]
@@ -122,7 +152,7 @@ def _node_lines(name: str, depth: int) -> list[str]:
     count = 3 if parent else 6
     lines = [f"{pad}{'JOINT' if parent else 'ROOT'} {name}", pad + "{", f"{pad}  OFFSET {values}"]
     lines.append(f"{pad}  CHANNELS {count} {position}Zrotation Xrotation Yrotation")
-    for child, (its_parent, _) in OFFSETS.items():
+    for child, (its_parent, _) in offsets.items():
         if its_parent == name:
-            lines += _node_lines(child, depth + 1)
+            lines += _node_lines(child, depth + 1, offsets)
     return [*lines, pad + "}"]
