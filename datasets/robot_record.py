@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import tomllib
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class RobotRecord(NamedTuple):
@@ -39,4 +40,19 @@ class RobotRecord(NamedTuple):
         """Whether both are one robot, as far as both say; an artifact of before says less."""
         if (self.name, self.model_hash) != (other.name, other.model_hash):
             return False
-        return not (self.files and other.files) or self.files == other.files
+        return not (self.files and other.files) or _meant(self.files) == _meant(other.files)
+
+
+def _meant(files: Mapping[str, str]) -> dict[str, Any]:
+    """What the texts say of the robot itself: not their comments, nor how recordings become its
+    motions, which is no matter to a motion or a policy that is made.
+    """
+    return {name: _tables(text) if name.endswith(".toml") else text for name, text in files.items()}
+
+
+def _tables(text: str) -> Any:
+    try:
+        tables = tomllib.loads(text)
+    except ValueError:  # of a form that only an older lacoloco reads
+        return text
+    return {key: value for key, value in tables.items() if key != "retargeting"}

@@ -164,7 +164,8 @@ def retarget(
     sources: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[FILE|FOLDER|PATTERN]...", help="BVH files; default: the bundled dog."
+            metavar="[FILE|FOLDER|PATTERN]...",
+            help="BVH files; default: the bundled dog or person.",
         ),
     ] = None,
     robot: Robot = DEFAULT_ROBOT,

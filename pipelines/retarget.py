@@ -16,7 +16,6 @@ from typing import Any
 from lacoloco.datasets.clip import save_clips
 from lacoloco.datasets.errors import ArtifactError, DatasetError
 from lacoloco.datasets.robot_record import RobotRecord
-from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.datasets.store import StageDir
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.batch import retarget_all
@@ -30,6 +29,7 @@ from lacoloco.pipelines.retargeting.cache import (
 )
 from lacoloco.pipelines.retargeting.config import RetargetConfig
 from lacoloco.pipelines.retargeting.mocap.selection import load_selection
+from lacoloco.pipelines.retargeting.mocap.skeleton_maps import sample_for
 from lacoloco.pipelines.retargeting.mocap.sources import clip_names, find_recordings
 from lacoloco.pipelines.retargeting.worker import Task, Worker, clip_path, picture_path
 from lacoloco.pipelines.robot import record_of
@@ -77,7 +77,7 @@ def run(
         config: How, and which part of them.
         context: Where.
         robot: The robot, by name or by the path of its folder.
-        sources: Files, folders and patterns; none for the bundled sample.
+        sources: Files, folders and patterns; none for the bundled sample of such a body.
         jobs: Number of processes; 0 for that of the cores.
         force: Also make the clips that the run has already.
 
@@ -93,7 +93,8 @@ def run(
         DatasetError: The only file cannot be used.
     """
     config.check()
-    tasks, absent = _tasks(config, sources)
+    sample = sample_for(load_robot(robot).name, config.maps())
+    tasks, absent = _tasks(config, sources or [sample])
     worker = Worker(config, robot)
     keys, failures = _keys(worker, tasks)
     record = record_of(load_robot(robot))
@@ -131,7 +132,7 @@ def run(
 
 def _tasks(config: RetargetConfig, sources: Sequence[str | Path]) -> tuple[list[Task], list[str]]:
     """What is to be done, and the names that a selection misses."""
-    files, absent = _files(config, find_recordings(sources or [DOG_BVH]))
+    files, absent = _files(config, find_recordings(sources))
     return [
         replace(task, name=task.name + suffix, mirror=mirror, bend=bend)
         for suffix, mirror, bend in config.variants()

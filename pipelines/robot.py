@@ -28,9 +28,9 @@ def record_of(spec: RobotSpec) -> RobotRecord:
 def robot_of(header: Header, say: Say | None = None) -> RobotSpec:
     """The robot that an artifact was made with.
 
-    Its own folder, or else the robot known by its name, is taken when the files there are still
-    those of the artifact. Otherwise the texts that the artifact carries are taken; such a robot
-    has no meshes to look at. An artifact of before carries none: there its name decides.
+    Its own folder, or else the robot known by its name, is taken when the files there still say
+    what those of the artifact do. Otherwise the texts that the artifact carries are taken; such a
+    robot has no meshes to look at. An artifact of before carries none: there its name decides.
 
     Args:
         header: The artifact.
@@ -46,7 +46,7 @@ def robot_of(header: Header, say: Say | None = None) -> RobotSpec:
         return load_robot(record.name)
     known = list(_known(record))
     for spec in known:
-        if spec.files() == record.files:
+        if record_of(spec).agrees_with(record):
             return spec
     try:
         spec = robot_from_files(record.files, Path(record.folder) if record.folder else None)

@@ -97,7 +97,7 @@ def _name_checks(spec: RobotSpec) -> Iterator[Check]:
     named = {
         *spec.contact_bodies,
         spec.end_effector.body,
-        *spec.keypoints.values(),
+        *spec.located(spec.keypoints.values())[0],
         *spec.knee_frames,
     }
     absent = sorted(named - (bodies & frames))

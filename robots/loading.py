@@ -106,12 +106,16 @@ class RetargetingSection:
     """``[retargeting]``: how motion capture becomes a motion of the robot.
 
     Attributes:
-        keypoints: Mocap joint -> body of this robot.
+        keypoints: Mocap joint -> body or point of this robot.
+        points: Name -> body and offset, m: points that follow joints as bodies do.
+        soles: Foot -> its heel and its toes, two of the points.
         knees: Bodies whose origin stays above the ground.
         joints: Rows by joint, see :class:`RetargetingRow`.
     """
 
     keypoints: Mapping[str, str] = field(default_factory=dict)
+    points: Mapping[str, EndEffector] = field(default_factory=dict)
+    soles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     knees: tuple[str, ...] = ()
     joints: Rows = field(default_factory=dict)
 
@@ -233,6 +237,8 @@ def _spec(
         contact_force_limit=file.contacts.foot_force_limit,
         self_collision=file.contacts.self_collision,
         keypoints=file.retargeting.keypoints,
+        points=file.retargeting.points,
+        soles=file.retargeting.soles,
         retarget_neutral=tuple(
             row.default if sketch.neutral is None else sketch.neutral
             for row, sketch in zip(rows, sketched, strict=True)
@@ -255,12 +261,14 @@ def _spec(
 def _check_bodies(file: RobotFile, bodies: set[str], place: Place) -> None:
     """Every body that robot.toml names is in the MJCF."""
     contacts, retargeting = file.contacts, file.retargeting
+    _check_points(retargeting, bodies, contacts.feet, place / "retargeting")
+    followers = tuple(v for v in retargeting.keypoints.values() if v not in retargeting.points)
     named = {
         place / "contacts" / "feet": contacts.feet,
         place / "contacts" / "fall_bodies": contacts.fall_bodies,
         place / "contacts" / "undesired_bodies": contacts.undesired_bodies,
         place / "end_effector" / "body": (file.end_effector.body,),
-        place / "retargeting" / "keypoints": tuple(retargeting.keypoints.values()),
+        place / "retargeting" / "keypoints": followers,
         place / "retargeting" / "knees": retargeting.knees,
     }
     for key, names in (("feet", contacts.feet), ("fall_bodies", contacts.fall_bodies)):
@@ -270,6 +278,29 @@ def _check_bodies(file: RobotFile, bodies: set[str], place: Place) -> None:
         for name in names:
             if name not in bodies:
                 where.fail(f"body {name!r} is not in the MJCF; {nearest(name, sorted(bodies))}")
+
+
+def _check_points(
+    retargeting: RetargetingSection, bodies: set[str], feet: tuple[str, ...], place: Place
+) -> None:
+    """Points lie on bodies of the MJCF; soles are two points of their foot, of all feet or none."""
+    for name, point in retargeting.points.items():
+        where = place / "points" / name
+        if name in bodies:
+            where.fail("is the name of a body; choose another one")
+        if point.body not in bodies:
+            (where / "body").fail(
+                f"body {point.body!r} is not in the MJCF; {nearest(point.body, sorted(bodies))}"
+            )
+    for foot, sole in retargeting.soles.items():
+        where = place / "soles" / foot
+        if foot not in feet:
+            where.fail(f"no foot of [contacts]; {nearest(foot, feet)}")
+        own = [name for name, point in retargeting.points.items() if point.body == foot]
+        if len(set(sole)) != 2 or not set(sole) <= set(own):
+            where.expected(f"the heel and the toes, two points of {foot} in [points]", list(sole))
+    if retargeting.soles and set(retargeting.soles) != set(feet):
+        (place / "soles").fail("give all feet a heel and toes, or none")
 
 
 def _read_text(file: Path) -> str:

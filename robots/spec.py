@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,6 +69,9 @@ class RobotSpec:
         retarget_lower: Lower joint bounds of the retargeting, rad.
         retarget_upper: Upper joint bounds of the retargeting, rad.
         knee_frames: Bodies whose origin the retargeting keeps above the ground.
+        points: Name -> point of a body that can follow a joint of a recording as bodies can.
+        soles: Foot -> the two points that it stands on, its heel and its toes; a foot that is
+            missing stands on its origin.
         abduction_joints: Joints that move a leg sideways.
         observation_noise: Noise on a policy's view in training.
         skills: What counts as a skill, and how near to a target is there.
@@ -112,6 +115,8 @@ class RobotSpec:
     gait: Gait | None = None
     tasks: Mapping[str, Any] = field(default_factory=dict, hash=False, compare=False, repr=False)
     keypoints: Mapping[str, str] = field(default_factory=dict, hash=False)
+    points: Mapping[str, EndEffector] = field(default_factory=dict, hash=False)
+    soles: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
 
     @property
     def num_joints(self) -> int:
@@ -122,6 +127,23 @@ class RobotSpec:
     def contact_bodies(self) -> tuple[str, ...]:
         """Bodies with a ``force_<body>`` sensor: feet, fall bodies, undesired ones, in order."""
         return tuple(dict.fromkeys((*self.feet, *self.fall_bodies, *self.undesired_contact_bodies)))
+
+    @property
+    def foot_points(self) -> tuple[str, ...]:
+        """What the feet stand on, P bodies or points in the order of the feet: heel before toes."""
+        return tuple(point for foot in self.feet for point in self.soles.get(foot, (foot,)))
+
+    @property
+    def foot_of_point(self) -> tuple[int, ...]:
+        """Index of the foot that each of the P ``foot_points`` belongs to."""
+        return tuple(
+            index for index, foot in enumerate(self.feet) for _ in self.soles.get(foot, (foot,))
+        )
+
+    def located(self, names: Iterable[str]) -> tuple[list[str], list[tuple[float, float, float]]]:
+        """Bodies, and positions in their frames [m], of bodies and ``points`` by name."""
+        points = [self.points.get(name, EndEffector(name)) for name in names]
+        return [point.body for point in points], [point.offset for point in points]
 
     @property
     def mjcf(self) -> Path:

@@ -9,3 +9,6 @@ DOG_BVH = Path(__file__).parent / "dog_walk_trot_turn.bvh"
 
 HUMAN_BVH = Path(__file__).parent / "human_walk_turn.bvh"
 """A synthetic person who walks and turns: 10 s at 60 Hz, made by `make_human`."""
+
+SAMPLES = (DOG_BVH, HUMAN_BVH)
+"""All of them."""

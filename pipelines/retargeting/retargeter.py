@@ -92,13 +92,13 @@ class Retargeter:
                 self._scale = float(skeleton.scale)
         self._poses = PoseProblem(spec, posture_weight)
         self.map = body_map(spec, None if skeleton is None else skeleton.contacts)
+        self.limb = 0.0 if skeleton is None else skeleton.limb
         self.legs = leg_geometry(spec, self.map)
         self._clips = None
         if mode == "clip":
             self._clips = ClipProblem(spec, self.map, self.legs, weights)
-        self._positions = BodyPositions(
-            spec.pinocchio_model(), (*spec.keypoints.values(), *spec.feet)
-        )
+        located = spec.located((*spec.keypoints.values(), *spec.foot_points))
+        self._positions = BodyPositions(spec.pinocchio_model(), *located)
         self._radius = spec.foot_radius()
 
     def clip(
@@ -138,7 +138,7 @@ class Retargeter:
             motion.root_pos + lift,
             motion.root_quat,
             motion.joint_pos,
-            contacts=targets.contacts,
+            contacts=self.map.standing(targets.contacts),
             skill=skill,
             source=source,
             licence=licence,
@@ -156,7 +156,7 @@ class Retargeter:
 
     def _targets(self, mocap: Mocap) -> Targets:
         if self._scale is None:
-            return plain_targets(mocap, tuple(self.spec.keypoints), self.map)
+            return plain_targets(mocap, self.map)
         factor = None if self._scale == "auto" else self._scale
         return fitted_targets(mocap, self.map, self.legs, self._radius, factor, self._rule)
 
@@ -178,17 +178,22 @@ def mapped(spec: RobotSpec, skeleton: SkeletonMap) -> RobotSpec:
     """The robot with the keypoints of a map.
 
     Raises:
-        StageError: The map names a frame that the robot has not.
+        StageError: The map names a frame that the robot has not, or contacts of heels and toes.
     """
+    if spec.soles and skeleton.contacts:
+        raise StageError(
+            f"map '{skeleton.name}': leave [contacts] out; {spec.name} stands on heels and toes,"
+            f" and [keypoints] gives them joints: {', '.join(spec.foot_points)}"
+        )
     model = spec.model()
-    known = {model.body(index).name for index in range(1, model.nbody)}
+    known = {model.body(index).name for index in range(1, model.nbody)} | set(spec.points)
     for key, frames in (
         ("keypoints", skeleton.keypoints.values()),
         ("contacts", skeleton.contacts),
     ):
         for frame in frames:
-            if frame not in known or (key == "contacts" and frame not in spec.feet):
-                allowed = spec.feet if key == "contacts" else sorted(known)
+            if frame not in known or (key == "contacts" and frame not in spec.foot_points):
+                allowed = spec.foot_points if key == "contacts" else sorted(known)
                 raise StageError(
                     f"map '{skeleton.name}': [{key}] names '{frame}', which {spec.name} has not;"
                     f" use {', '.join(allowed)}"

@@ -15,13 +15,20 @@ from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap, LegGeometry
 from lacoloco.pipelines.retargeting.mocap.frame_rate import likely_rate
 from lacoloco.pipelines.retargeting.mocap.posture import unlike
 from lacoloco.pipelines.retargeting.mocap.reading import Reading
-from lacoloco.pipelines.retargeting.targets.targets import limb_length
 
 SHORTEST, LONGEST = 0.03, 4.0
 """m: limbs of a mouse and more than those of a giraffe."""
 USUAL = 0.45
 """m: limbs of a dog, from which a unit is guessed for the message."""
-UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
+MOST_UNLIKE = 2.4
+"""Times that limbs may be longer or shorter than usual ones: a child's, a giant's, no inches."""
+UNITS = {
+    "metres": 1.0,
+    "centimetres": 0.01,
+    "millimetres": 0.001,
+    "inches": 0.0254,
+    "CMU's units": 0.056444,
+}
 CLEARLY = 0.7
 """Cosine from which a direction counts as that of an axis."""
 SLOWEST = 20.0
@@ -35,7 +42,9 @@ def check_recording(
     reading: Reading,
     file: str,
     *,
+    usual_limb: float = 0.0,
     own_map: bool = False,
+    hint: str = "",
 ) -> list[Finding]:
     """Look for what is wrong with a recording.
 
@@ -45,7 +54,9 @@ def check_recording(
         legs: Of the robot: which limbs are front and left.
         reading: How it was read.
         file: What to call it.
+        usual_limb: Length of the limbs of such bodies, m; 0 where they differ.
         own_map: Whether a person chose the map, so that an unlike body is only a finding.
+        hint: What else the joints fit, for the message about another kind of body.
 
     Returns:
         What was found.
@@ -56,7 +67,7 @@ def check_recording(
     """
     if mocap.frames < 2:
         raise DatasetError(f"{file}: has one frame; a motion needs at least two")
-    limb = _check_scale(mocap, mapping, file, reading.unit)
+    limb = _check_scale(mocap, mapping, file, reading.unit, usual_limb)
     findings = [Finding("frame_count", remark) for remark in mocap.remarks]
     legs_up, trunk_up = up_directions(mocap, mapping, legs)
     _check_axis(legs_up, trunk_up, file, reading.up_axis)
@@ -64,7 +75,7 @@ def check_recording(
         if not own_map:
             raise DatasetError(
                 f"{file}: this is no body like the robot's: {reason}; if it is meant, name the map"
-                " of its joints with --map"
+                f" of its joints with --map{hint}"
             )
         findings.append(Finding("unlike", reason))
     if legs_up[2] > 0.2 and trunk_up[2] < -0.2:
@@ -94,27 +105,42 @@ def _rate_findings(mocap: Mocap, mapping: BodyMap, limb: float, reading: Reading
 def up_directions(
     mocap: Mocap, mapping: BodyMap, legs: LegGeometry
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means (3,) over the clip of the directions from paws to hips, and of forward x left.
+    """Means (3,) over the clip of the directions from paws to hips, and of forward x left, or
+    from the hips to the arms where nothing tells what is forward.
 
     Their length tells how steady they are.
     """
     hips, paws = mocap.keypoints(mapping.hips), mocap.keypoints(mapping.limb_ends(mocap))
     front, left = legs.hips[:, 0] > legs.hips[:, 0].mean(), legs.hips[:, 1] > 0
-    forward = hips[:, front].mean(1) - hips[:, ~front].mean(1)
+    legs_up = _mean_direction(hips.mean(1) - paws.mean(1))
+    if mapping.soles:  # two hips do not tell where the front is; feet do
+        forward = (paws[:, 1::2] - paws[:, ::2]).mean(1)
+    elif mapping.arms:  # nothing does: up is where the arms are
+        roots = mocap.keypoints([mapping.joints[arm[0]] for arm in mapping.arms])
+        return legs_up, _mean_direction(roots.mean(1) - hips.mean(1))
+    else:
+        forward = hips[:, front].mean(1) - hips[:, ~front].mean(1)
     aside = hips[:, left].mean(1) - hips[:, ~left].mean(1)
-    return _mean_direction(hips.mean(1) - paws.mean(1)), _mean_direction(np.cross(forward, aside))
+    return legs_up, _mean_direction(np.cross(forward, aside))
 
 
-def _check_scale(mocap: Mocap, mapping: BodyMap, file: str, unit: float) -> float:
+def _check_scale(
+    mocap: Mocap, mapping: BodyMap, file: str, unit: float, usual_limb: float
+) -> float:
     """Length of the limbs, m."""
-    length = float(np.mean([limb_length(mocap, limb) for limb in mapping.limbs(mocap)]))
-    if SHORTEST <= length <= LONGEST:
+    length = mapping.limb_length(mocap)
+    shortest, longest = SHORTEST, LONGEST
+    if usual_limb:
+        shortest, longest = usual_limb / MOST_UNLIKE, usual_limb * MOST_UNLIKE
+    if shortest <= length <= longest:
         return length
     if length <= 0.0:
         raise DatasetError(f"{file}: its limbs have no length")
-    name, right = min(UNITS.items(), key=lambda item: abs(np.log(length / unit * item[1] / USUAL)))
+    usual = usual_limb or USUAL
+    name, right = min(UNITS.items(), key=lambda item: abs(np.log(length / unit * item[1] / usual)))
+    who = "person" if mapping.arms else "animal"
     raise DatasetError(
-        f"{file}: limbs of {length:.3g} m are no animal's; it seems to be in {name}: give"
+        f"{file}: limbs of {length:.3g} m are no {who}'s; it seems to be in {name}: give"
         f" --unit {right:g} instead of {unit:g}"
     )
 

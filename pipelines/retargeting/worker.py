@@ -15,14 +15,17 @@ from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.hashing import hash_file
 from lacoloco.datasets.mocap import Mocap, read_bvh
 from lacoloco.datasets.provenance import git_commit, lacoloco_version
-from lacoloco.datasets.samples import DOG_BVH
+from lacoloco.datasets.samples import SAMPLES
 from lacoloco.pipelines.retargeting.config import RetargetConfig
 from lacoloco.pipelines.retargeting.findings import Finding
 from lacoloco.pipelines.retargeting.measure.report import write_report
-from lacoloco.pipelines.retargeting.mocap.body_map import side_partners
 from lacoloco.pipelines.retargeting.mocap.glitches import without_glitches
-from lacoloco.pipelines.retargeting.mocap.reading import Reading, limb_pairs
-from lacoloco.pipelines.retargeting.mocap.skeleton_maps import choose_map
+from lacoloco.pipelines.retargeting.mocap.reading import Reading
+from lacoloco.pipelines.retargeting.mocap.skeleton_maps import (
+    SkeletonMap,
+    choose_map,
+    other_robot,
+)
 from lacoloco.pipelines.retargeting.mocap.trim import trim_range
 from lacoloco.pipelines.retargeting.retargeter import Retargeted, Retargeter
 from lacoloco.pipelines.retargeting.validation import check_recording
@@ -97,19 +100,28 @@ class Worker:
                 skeleton,
             )
         retargeter = self._retargeters[skeleton.name]
-        pairs = limb_pairs(retargeter.map.limbs(raw), side_partners(retargeter.legs))
+        pairs = retargeter.map.pairs(raw, retargeter.legs)
         plain = self._config.reading(skeleton, task.trim)
         mirror, bend = plain.mirror != task.mirror, plain.bend + task.bend
         reading = replace(plain, pairs=pairs, mirror=mirror, bend=bend)
         part = trim_range(reading.trim, raw.frames, reading.source_fps or raw.fps)
         raw, findings = without_glitches(raw, retargeter.map, part)
         mocap = replace(reading, fps=0.0).apply(raw)
-        file, own_map = str(task.path), bool(self._config.map)
         findings += check_recording(
-            mocap, retargeter.map, retargeter.legs, reading, file, own_map=own_map
+            *(mocap, retargeter.map, retargeter.legs, reading, str(task.path)),
+            usual_limb=retargeter.limb,
+            own_map=bool(self._config.map),
+            hint=self._hint(skeleton, raw),
         )
         mocap = mocap.resampled(reading.fps) if reading.fps else mocap
         return mocap, reading, retargeter, findings
+
+    def _hint(self, skeleton: SkeletonMap, raw: Mocap) -> str:
+        """Which robot a recording is rather for, by its joints."""
+        other = other_robot(self._maps, skeleton, raw.joint_names)
+        if other is None:
+            return ""
+        return f"; its joints are those of the map '{other.name}': --robot {other.robot}"
 
     def work(
         self, task: Task, folder: Path, on_start: Callable[[int], Callable[[int], None]]
@@ -132,7 +144,8 @@ class Worker:
         mocap, reading, retargeter, findings = self.read(task)
         if self.key(task) != key:
             raise DatasetError(f"{task.path}: was written to while it was read; try again")
-        known = SAMPLE_LICENCE if task.path.resolve() == DOG_BVH.resolve() else "unknown"
+        own = task.path.resolve() in [sample.resolve() for sample in SAMPLES]
+        known = SAMPLE_LICENCE if own else "unknown"
         result = retargeter.clip(
             mocap,
             task.name,
@@ -150,7 +163,7 @@ class Worker:
             "notes": [f"{finding.name}: {finding.text}" for finding in findings],
             "key": key,
             "reading": asdict(reading),
-            "paws": list(retargeter.map.limb_ends(mocap)),
+            "paws": list(retargeter.map.ground_nodes(mocap)),
         }
         if self._config.pictures:
             picture = picture_path(folder, task.name)

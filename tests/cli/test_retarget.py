@@ -101,7 +101,6 @@ def test_a_bad_file_is_one_line_and_exit_code_2(dog, damage):
         (["gone.bvh"], "gone.bvh"),
         (["no-*.bvh"], "matches no file"),
         (["--robot", "solo13"], "solo12"),
-        (["--robot", "h1"], "keypoints"),
         (["--preset", "huge"], "laptop"),
         (["--set", "scal=1"], "scale"),
         (["--scale", "huge"], "auto"),

@@ -89,6 +89,13 @@ def test_records_of_a_robot_agree_as_far_as_both_say():
     assert not now.agrees_with(now._replace(files={"robot.toml": "b"}))
     assert not now.agrees_with(now._replace(model_hash="def"))
     assert not before.agrees_with(before._replace(name="solo13"))
+    says = [
+        now._replace(files={"robot.toml": text})
+        for text in ("mass = 1", "mass = 1 # kg", "mass = 1\n[retargeting]\nknees = []", "mass = 2")
+    ]
+    assert says[0].agrees_with(says[1]), "a comment changes no robot"
+    assert says[0].agrees_with(says[2]), "nor does how recordings become its motions"
+    assert not says[0].agrees_with(says[3])
     assert before.digest == "abc"
     assert now.digest == now._replace(folder="/there").digest
     assert now.digest != now._replace(files={"robot.toml": "b"}).digest

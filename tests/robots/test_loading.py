@@ -104,6 +104,21 @@ MISTAKES = [
         "end_effector.offset: expected a list of 3 n",
     ),
     ('Hand = "FL_FOOT"', 'Hand = "LEFT"', "retargeting.keypoints: body 'LEFT' is not in the MJCF"),
+    (
+        "[retargeting.joints]",
+        '[retargeting.points]\nheel = { body = "PAW" }\n[retargeting.joints]',
+        "retargeting.points.heel.body: body 'PAW' is not in the MJCF",
+    ),
+    (
+        "[retargeting.joints]",
+        '[retargeting.points]\nFL_FOOT = { body = "FL_FOOT" }\n[retargeting.joints]',
+        "retargeting.points.FL_FOOT: is the name of a body; choose another one",
+    ),
+    (
+        "[retargeting.joints]",
+        '[retargeting.soles]\nFL_FOOT = ["heel"]\n[retargeting.joints]',
+        "retargeting.soles.FL_FOOT: expected the heel and the toes, two points of FL_FOOT",
+    ),
     (ROW, ROW.replace("speed = 16.0", "sped = 16.0"), 'joints."*".sped: unknown key; did you mean'),
     (ROW, ROW.replace("16.0", "-1"), 'joints."*".speed: expected a number of at least 0, found -1'),
     (ROW, ROW.replace(", speed = 16.0", ""), "joints: no 'speed' for joint 'FL_HAA'"),

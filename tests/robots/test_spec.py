@@ -47,7 +47,11 @@ def test_numbers_of_h1(h1):
     assert (effort["left_knee"], effort["right_ankle"], effort["left_elbow"]) == (300, 60, 18)
     assert h1.model().dof_damping[6:].tolist() == [1.0] * 19
     lower, upper = h1.joint_limits()
-    assert h1.retarget_lower == tuple(lower) and h1.retarget_upper == tuple(upper)
+    upper[[joint.endswith("_elbow") for joint in h1.joint_names]] = 1.5  # a straight arm is pi/2
+    assert h1.retarget_lower == pytest.approx(lower)
+    assert h1.retarget_upper == pytest.approx(upper)
+    assert h1.foot_points == ("left_heel", "left_toes", "right_heel", "right_toes")
+    assert h1.foot_of_point == (0, 0, 1, 1)
 
 
 def test_joint_ranges_of_solo12_mirror_front_and_hind_left_and_right(solo12):

@@ -35,7 +35,7 @@ class Assessment:
     keypoints: np.ndarray
     """(T, K, 3) world, m, as solved: where they are compared with the targets."""
     feet: np.ndarray
-    """(T, F, 3) centres of the foot spheres in the clip, world, m."""
+    """(T, P, 3) centres of the spheres that feet stand on in the clip, world, m."""
     hip_keypoints: tuple[int, ...]
     """Indices of the hips among the keypoints."""
     lift: np.ndarray
@@ -43,7 +43,7 @@ class Assessment:
 
     @property
     def contacts(self) -> np.ndarray:
-        """(T, F) bool, which feet of the robot touch the ground."""
+        """(T, P) bool, which points of the robot's feet touch the ground."""
         return quality.touches(self.feet, self.spec.foot_radius())
 
     @cached_property

@@ -22,7 +22,7 @@ class Efforts:
     torques: np.ndarray
     """(T, J) N.m, of the motors."""
     forces: np.ndarray
-    """(T, F, 3) N, world, of the ground on the feet."""
+    """(T, P, 3) N, world, of the ground on the points of the feet."""
     missing: np.ndarray
     """(T,) N, what the ground cannot give: pulls, pushes without a foot there, friction."""
 
@@ -33,12 +33,13 @@ def inverse_dynamics(spec: RobotSpec, clip: Clip, contacts: np.ndarray) -> Effor
     Args:
         spec: The robot.
         clip: At least three frames, else everything is taken to rest.
-        contacts: (T, F) bool, where the ground may push.
+        contacts: (T, P) bool, at which points of the feet the ground may push.
     """
     model = spec.pinocchio_model()
     positions = _configurations(clip)
     velocities, accelerations = _derivatives(model, positions, clip.fps)
-    data, feet = model.createData(), [model.getFrameId(foot) for foot in spec.feet]
+    bodies, offsets = spec.located(spec.foot_points)
+    data, feet = model.createData(), [model.getFrameId(body) for body in bodies]
     below = pin.skew(np.array([0.0, 0.0, -spec.foot_radius()]))
     needed = np.empty((clip.frames, model.nv))
     reach = np.empty((clip.frames, len(feet), 3, model.nv))
@@ -48,7 +49,8 @@ def inverse_dynamics(spec: RobotSpec, clip: Clip, contacts: np.ndarray) -> Effor
         pin.updateFramePlacements(model, data)
         for index, foot in enumerate(feet):
             both = pin.getFrameJacobian(model, data, foot, pin.LOCAL_WORLD_ALIGNED)
-            reach[frame, index] = both[:3] - below @ both[3:]
+            arm = below + pin.skew(data.oMf[foot].rotation @ np.array(offsets[index]))
+            reach[frame, index] = both[:3] - arm @ both[3:]
     return _balanced(spec, needed, reach, contacts)
 
 

@@ -74,7 +74,7 @@ def _keypoints(axis: Axes, time: np.ndarray, clip: Assessment) -> None:
 
 
 def _contacts(axis: Axes, time: np.ndarray, clip: Assessment) -> None:
-    feet = clip.spec.feet
+    feet = clip.spec.foot_points
     for offset, contacts, colors in (
         (0.22, clip.targets.contacts, [ANIMAL] * len(feet)),
         (-0.22, clip.contacts, FEET),
@@ -107,7 +107,7 @@ def _speed(axis: Axes, time: np.ndarray, clip: Assessment) -> None:
 
 def _gap(axis: Axes, time: np.ndarray, clip: Assessment) -> None:
     gap = 100 * (clip.feet[..., 2] - clip.spec.foot_radius())
-    _per_foot(axis, time, gap, clip.spec.feet)
+    _per_foot(axis, time, gap, clip.spec.foot_points)
     axis.axhline(0.0, color=LIMIT, lw=LINE)
     axis.set_ylim(min(-0.5, 1.1 * gap.min()), max(2.0, 1.1 * gap.max()))
     axis.legend(loc="upper right", fontsize=8, framealpha=0.8, edgecolor="none", ncols=4)
@@ -118,7 +118,7 @@ def _skate(axis: Axes, time: np.ndarray, clip: Assessment) -> None:
     speed = 100 * np.linalg.norm(np.diff(clip.feet[..., :2], axis=0), axis=-1) * clip.clip.fps
     standing = clip.targets.contacts[1:] & clip.targets.contacts[:-1]
     speed = np.where(standing, speed, np.nan)
-    _per_foot(axis, time[1:], speed, clip.spec.feet)
+    _per_foot(axis, time[1:], speed, clip.spec.foot_points)
     axis.axhline(1.0, color=LIMIT, lw=LINE, ls=":")
     axis.set_ylim(0.0, max(1.2, 1.1 * np.nanmax(speed, initial=0.0)))
     axis.set_title("speed of standing feet over ground, cm/s (dotted: 1)")

@@ -1,7 +1,7 @@
 """Is a recording as fast as its file says? Legs swing like pendulums: their length tells how long.
 
 Recorded dogs swing their legs for 1.2 to 1.6 times sqrt(length / gravity), whether they walk, trot
-or gallop; the trunk falls no faster than gravity lets it.
+or gallop, and a person who walks for 1.3 times; the trunk falls no faster than gravity lets it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def likely_rate(mocap: Mocap, mapping: BodyMap, limb: float) -> tuple[float, str
         mapping: Its limbs.
         limb: Their length, m.
     """
-    ends, root = mocap.keypoints(mapping.limb_ends(mocap)), mocap.keypoints(mapping.hips).mean(1)
-    standing = detect_contacts(ends, root, mocap.fps, ContactRule())
+    ends, root = mapping.foot_points(mocap), mocap.keypoints(mapping.hips).mean(1)
+    standing = mapping.standing(detect_contacts(ends, root, mocap.fps, ContactRule()))
     swings = [
         (stop - start) / mocap.fps
         for _, start, stop in phases(~standing)

@@ -13,7 +13,6 @@ import numpy as np
 from lacoloco.datasets.mocap import Mocap
 from lacoloco.pipelines.retargeting.findings import Finding
 from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap
-from lacoloco.pipelines.retargeting.targets.targets import limb_length
 
 USUAL_SHARE = 90
 """Percentile of the clip's own steps that jumps are measured by."""
@@ -40,7 +39,7 @@ def without_glitches(
     if raw.frames < 2:
         return raw, []
     nodes = (*mapping.hips, *mapping.limb_ends(raw))
-    limb = float(np.mean([limb_length(raw, limb) for limb in mapping.limbs(raw)]))
+    limb = mapping.limb_length(raw)
     usual = float(np.percentile(_steps(raw, nodes), USUAL_SHARE))
     threshold = max(TIMES_USUAL * usual, SHORTEST * limb)
     raw, frames = mended(raw, nodes, threshold)

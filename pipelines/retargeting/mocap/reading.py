@@ -4,7 +4,6 @@ course.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -58,23 +57,3 @@ class Reading:
             mocap = mocap.mirrored(self.pairs)
         mocap = bent(mocap, self.bend)
         return mocap.resampled(self.fps) if self.fps else mocap
-
-
-def limb_pairs(
-    limbs: Sequence[Sequence[str]], partners: Sequence[int]
-) -> tuple[tuple[str, str], ...]:
-    """Nodes of limbs that belong to each other left and right.
-
-    Args:
-        limbs: Nodes of each limb from the hip down.
-        partners: For each limb, the one on the other side.
-    """
-    pairs = []
-    for index, partner in enumerate(partners):
-        if index < partner:
-            one, other = limbs[index], limbs[partner]
-            if len(one) == len(other):
-                pairs += list(zip(one, other, strict=True))
-            else:  # at least what is followed and what stands
-                pairs += [(one[0], other[0]), (one[-2], other[-2]), (one[-1], other[-1])]
-    return tuple(pairs)

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from lacoloco.datasets.errors import DatasetError
-from lacoloco.datasets.mocap import UpAxis
+from lacoloco.datasets.mocap import UpAxis, read_bvh
+from lacoloco.datasets.samples import SAMPLES
 from lacoloco.pipelines.errors import StageError
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.tables import parse_toml
@@ -39,10 +40,14 @@ class SkeletonMap:
     """Joint -> frame of the robot."""
     contacts: Mapping[str, tuple[str, ...]]
     """Foot of the robot -> nodes that touch the ground, the first that a file has."""
+    limb: float = 0.0
+    """Usual length from hip to ground, m, from which a wrong unit is told; 0 for any."""
+    also: tuple[str, ...] = ()
+    """Joints that only tell these files from others."""
 
     def missing(self, joints: Sequence[str]) -> list[str]:
         """Joints that the map needs and a skeleton lacks."""
-        return [joint for joint in self.keypoints if joint not in joints]
+        return [joint for joint in (*self.keypoints, *self.also) if joint not in joints]
 
 
 def load_map(path: Path) -> SkeletonMap:
@@ -76,7 +81,7 @@ def map_of(table: Mapping[str, Any], name: str, where: str) -> SkeletonMap:
             raise StageError(f"{where}: '{key}' is missing or wrong; see maps/mann-dog.toml")
         return value
 
-    known = {"about", "robot", "up_axis", "unit", "scale", "keypoints", "contacts"}
+    known = {"about", "robot", "up_axis", "unit", "scale", "keypoints", "contacts", "limb", "also"}
     if unknown := sorted(set(table) - known):
         raise StageError(f"{where}: unknown key '{unknown[0]}'; use {', '.join(sorted(known))}")
     up_axis, scale = take("up_axis", str, "y"), str(take("scale", (str, int, float), "limbs"))
@@ -84,7 +89,7 @@ def map_of(table: Mapping[str, Any], name: str, where: str) -> SkeletonMap:
         raise StageError(f"{where}: up_axis '{up_axis}'; use one of {', '.join(get_args(UpAxis))}")
     if scale not in RULES and not _positive(scale):
         raise StageError(f"{where}: scale '{scale}'; use {', '.join(RULES)} or a positive factor")
-    keypoints, contacts = take("keypoints", dict), take("contacts", dict)
+    keypoints, contacts = take("keypoints", dict), take("contacts", dict, {})
     if not all(isinstance(frame, str) for frame in keypoints.values()):
         raise StageError(f"{where}: [keypoints] maps joints of the file to frames of the robot")
     if len(set(keypoints.values())) < len(keypoints):
@@ -94,6 +99,9 @@ def map_of(table: Mapping[str, Any], name: str, where: str) -> SkeletonMap:
         isinstance(node, str) for nodes in feet.values() for node in nodes
     ):
         raise StageError(f"{where}: [contacts] gives each foot of the robot nodes of the file")
+    limb, also = float(take("limb", (int, float), 0.0)), take("also", list, [])
+    if limb < 0.0 or not all(isinstance(joint, str) for joint in also):
+        raise StageError(f"{where}: 'limb' is a length in metres, 'also' a list of joints")
     return SkeletonMap(
         name=name,
         about=take("about", str, ""),
@@ -103,6 +111,8 @@ def map_of(table: Mapping[str, Any], name: str, where: str) -> SkeletonMap:
         scale=scale,
         keypoints=keypoints,
         contacts={foot: tuple(nodes) for foot, nodes in feet.items()},
+        limb=limb,
+        also=tuple(also),
     )
 
 
@@ -130,17 +140,40 @@ def choose_map(
     maps = [candidate for candidate in maps if candidate.robot == robot]
     if not maps:
         raise StageError(
-            f"robot '{robot}': no map gives it keypoints; write one and name it with --map"
+            f"robot '{robot}': no map gives it keypoints; copy one of {FOLDER}, set its robot, and"
+            " name it with --map"
         )
     fitting = [candidate for candidate in maps if not candidate.missing(joints)]
     if fitting:
-        return max(fitting, key=lambda candidate: len(candidate.keypoints))
+        return max(fitting, key=_joints_used)
     nearest = max(maps, key=lambda candidate: _likeness(candidate, joints))
     raise DatasetError(
         f"{file}: its joints fit no map; the nearest, '{nearest.name}', needs"
         f" {', '.join(nearest.missing(joints))}, and the file has {', '.join(joints)};"
         " write a map of its joints and name it with --map"
     )
+
+
+def other_robot(
+    maps: Sequence[SkeletonMap], chosen: SkeletonMap, joints: Sequence[str]
+) -> SkeletonMap | None:
+    """The map to another robot that uses more joints of a file than the chosen one, if any does."""
+    fitting = [m for m in maps if m.robot != chosen.robot and not m.missing(joints)]
+    best = max(fitting, key=_joints_used, default=None)
+    return best if best is not None and _joints_used(best) > _joints_used(chosen) else None
+
+
+def sample_for(robot: str, maps: Sequence[SkeletonMap]) -> Path:
+    """The bundled recording that a map to this robot fits; the first where none does."""
+    for sample in SAMPLES:
+        joints = read_bvh(sample).joint_names
+        if any(m.robot == robot and not m.missing(joints) for m in maps):
+            return sample
+    return SAMPLES[0]
+
+
+def _joints_used(candidate: SkeletonMap) -> int:
+    return len(candidate.keypoints) + len(candidate.also)
 
 
 def _likeness(candidate: SkeletonMap, joints: Sequence[str]) -> float:

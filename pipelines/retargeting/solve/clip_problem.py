@@ -29,7 +29,7 @@ from lacoloco.pipelines.retargeting.solve.pose_problem import (
     retarget_bounds,
 )
 from lacoloco.pipelines.retargeting.solve.stretch_solver import solve_stretch
-from lacoloco.pipelines.retargeting.targets.foot_plan import FootPlan, plan_feet
+from lacoloco.pipelines.retargeting.targets.foot_plan import FootPlan, footprints, plan_feet
 from lacoloco.pipelines.retargeting.targets.stretch import Stretch
 from lacoloco.pipelines.retargeting.targets.targets import Targets
 from lacoloco.robots.spec import RobotSpec
@@ -142,9 +142,9 @@ class ClipProblem:
 
     def _stretch(self, targets: Targets, fps: float) -> Stretch:
         """The whole clip: guess, targets and bounds."""
-        plan = plan_feet(
-            targets.points[:, self._map.foot_keypoints], targets.contacts, self._radius, fps
-        )
+        feet = targets.points[:, self._map.foot_keypoints]
+        prints = footprints(feet, targets.contacts) if self._map.soles else None
+        plan = plan_feet(feet, targets.contacts, self._radius, fps, prints)
         points = targets.points.copy()
         points[:, self._map.foot_keypoints] = plan.path
         guess, reference = self._guess(points, plan, fps)
@@ -170,9 +170,9 @@ class ClipProblem:
         An animal that sits has its hips where the robot's knees would be in the ground; from a
         guess like that there is no way out, so the hips begin higher.
         """
-        hips = points[:, self._map.hip_keypoints].copy()
-        hips[..., 2] = np.maximum(hips[..., 2], 0.5 * self._legs.reach)
-        position, quat = rigid_fit(self._legs.hips, hips)
+        trunk = points[:, self._map.trunk].copy()
+        trunk[..., 2] = np.maximum(trunk[..., 2], 0.5 * self._legs.reach)
+        position, quat = rigid_fit(self._legs.points[list(self._map.trunk)], trunk)
         reference = rotations.normalize(smooth(rotations.continuous(quat), 0.05 * fps))
         base = np.concatenate([position, np.zeros_like(position)], axis=1)
         feet, stride = plan.path.reshape(len(points), -1), _stride(fps)

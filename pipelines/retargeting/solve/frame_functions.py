@@ -42,7 +42,8 @@ class FrameFunctions:
         quat = kinematics.multiply(reference, kinematics.small_rotation(x[TURN] / 4))
         base = kinematics.SymbolicPose(kinematics.rotation_of(quat), x[POSITION])
         poses = kinematics.body_poses(model, base, x[JOINTS])
-        points = [kinematics.body_position(model, poses, body) for body in spec.keypoints.values()]
+        located = zip(*spec.located(spec.keypoints.values()), strict=True)
+        points = [kinematics.body_position(model, poses, *point) for point in located]
         knees = [kinematics.body_position(model, poses, body)[2] for body in spec.knee_frames]
         self._number(mapping, len(points), len(knees))
         self._derive(x, ca.vertcat(reference, ca.vec(targets)), ca.vertcat(*points, *knees))

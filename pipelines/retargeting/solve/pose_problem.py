@@ -77,7 +77,8 @@ class PoseProblem:
         self._neutral = np.array(spec.retarget_neutral)
         spread = np.random.default_rng(0).normal(0.0, 0.5, (1, spec.num_joints))
         self._shifts = [np.zeros(spec.num_joints), *spread]
-        positions = kinematics.BodyPositions(spec.pinocchio_model(), tuple(spec.keypoints.values()))
+        located = spec.located(spec.keypoints.values())
+        positions = kinematics.BodyPositions(spec.pinocchio_model(), *located)
         upright = np.array([[1.0, 0.0, 0.0, 0.0]])
         self._neutral_points = positions(np.zeros((1, 3)), upright, self._neutral[None])[0]
         program = pose_program(spec, posture_weight)
@@ -195,7 +196,8 @@ def pose_program(spec: RobotSpec, posture_weight: float) -> Program:
     quat = kinematics.multiply(reference, kinematics.small_rotation(variables[TURN]))
     base = kinematics.SymbolicPose(kinematics.rotation_of(quat), variables[POSITION])
     poses = kinematics.body_poses(model, base, variables[JOINTS])
-    points = (kinematics.body_position(model, poses, body) for body in spec.keypoints.values())
+    located = zip(*spec.located(spec.keypoints.values()), strict=True)
+    points = (kinematics.body_position(model, poses, *point) for point in located)
     cost = ca.sumsqr(ca.horzcat(*points) - targets)
     cost += posture_weight * ca.sumsqr(variables[JOINTS] - ca.DM(spec.retarget_neutral))
     knees = [kinematics.body_position(model, poses, body)[2] for body in spec.knee_frames]

@@ -3,12 +3,12 @@
 Fitting keeps the motion and drops what is only anatomy. Sizes shrink by one factor, so that the
 legs bend as the animal's do; the hips become the robot's (a dog's are half as far apart); each foot
 keeps its place relative to its hip, but below the hip of the robot; and a paw that stands puts the
-robot's foot sphere on the ground, however high its marker was.
+robot's foot sphere on the ground, however high its marker was. A foot with a heel and toes is
+pitched and points as the person's. Arms point as the person's; how long they are is the robot's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,14 +16,15 @@ import numpy as np
 
 from lacoloco.datasets import rotations
 from lacoloco.datasets.mocap import Mocap
-from lacoloco.pipelines.retargeting.alignment import rigid_fit
 from lacoloco.pipelines.retargeting.filters import smooth
 from lacoloco.pipelines.retargeting.mocap.body_map import BodyMap, LegGeometry
+from lacoloco.pipelines.retargeting.mocap.soles import recorded_feet, sagittal
 from lacoloco.pipelines.retargeting.targets.contacts import (
     ContactRule,
     detect_contacts,
     stance_heights,
 )
+from lacoloco.pipelines.retargeting.targets.trunk import follow_arms, trunk_poses
 
 ScaleRule = Literal["limbs", "height"]
 
@@ -40,24 +41,22 @@ class Targets:
     points: np.ndarray
     """(T, K, 3) world, m, in the order of the robot's keypoints."""
     contacts: np.ndarray
-    """(T, F) bool, which of the animal's paws stand, in the order of the robot's feet."""
+    """(T, P) bool, what of the animal's feet stands, in the order of `RobotSpec.foot_points`."""
     scale: float
     """Size of the robot's motion relative to the animal's."""
 
 
-def plain_targets(mocap: Mocap, joints: tuple[str, ...], mapping: BodyMap) -> Targets:
-    """The animal's keypoints unchanged, as in the paper.
+def plain_targets(mocap: Mocap, mapping: BodyMap) -> Targets:
+    """The recorded keypoints unchanged, as in the paper.
 
     Args:
         mocap: Motion.
-        joints: Its joints in the order of the robot's keypoints.
-        mapping: Hips and feet among them.
+        mapping: Its joints in the order of the robot's keypoints.
 
     Raises:
         DatasetError: The skeleton lacks one of them.
     """
-    points = mocap.keypoints(joints)
-    return Targets(points, paw_contacts(mocap, mapping), 1.0)
+    return Targets(mapping.keypoints(mocap), paw_contacts(mocap, mapping), 1.0)
 
 
 def fitted_targets(
@@ -81,23 +80,29 @@ def fitted_targets(
     Raises:
         DatasetError: The skeleton lacks a joint.
     """
-    hips, paws = mocap.keypoints(mapping.hips), mocap.keypoints(mapping.limb_ends(mocap))
+    hips, paws = mocap.keypoints(mapping.hips), mapping.foot_points(mocap)
     ground = stance_heights(paws, ContactRule())
     if scale is None:
         scale = natural_scale(mocap, mapping, legs, foot_radius, rule)
-    center, quat = rigid_fit(legs.hips, scale * hips)
+    recorded = mocap.keypoints(mapping.joints)
+    center, quat = trunk_poses(scale * recorded, mapping, legs)
+    onto_ground = np.array([0.0, 0.0, foot_radius - scale * ground.mean()])
     trunk = center[:, None] + rotations.rotate(quat[:, None], legs.hips[None])
-    trunk[..., 2] += foot_radius - scale * ground.mean()
 
     heading = _heading(quat, mocap.fps)
     flat_hips = scale * hips - center[:, None]
     own = np.median(rotations.rotate_inverse(heading[:, None], flat_hips), axis=0)
     offset = rotations.rotate(heading[:, None], (legs.feet - own)[None])
-    feet = scale * paws + offset
-    feet[..., 2] = scale * np.maximum(paws[..., 2] - ground, 0.0) + foot_radius
+    if mapping.soles:
+        feet = robot_feet(mocap, mapping, ground, foot_radius, scale, offset)
+    else:
+        feet = scale * paws + offset
+        feet[..., 2] = scale * np.maximum(paws[..., 2] - ground, 0.0) + foot_radius
 
-    points = np.empty((mocap.frames, len(mapping.hips) + len(mapping.feet), 3))
-    points[:, mapping.hip_keypoints], points[:, mapping.foot_keypoints] = trunk, feet
+    points = np.empty((mocap.frames, len(mapping.joints), 3))
+    points[:, mapping.hip_keypoints] = trunk + onto_ground
+    points[:, mapping.foot_keypoints] = feet
+    follow_arms(points, recorded, center + onto_ground, quat, mapping, legs)
     return Targets(points, paw_contacts(mocap, mapping), scale)
 
 
@@ -115,25 +120,51 @@ def natural_scale(
     By height: as large as legs reach, for limbs whose bones say little (a horse's, an arthropod's).
     """
     reach = legs.reach + foot_radius
-    paws = mocap.keypoints(mapping.limb_ends(mocap))
-    height = (mocap.keypoints(mapping.hips)[..., 2] - stance_heights(paws, ContactRule())).mean(1)
+    paws, hips = mapping.foot_points(mocap), mocap.keypoints(mapping.hips)[:, mapping.legs]
+    height = (hips[..., 2] - stance_heights(paws, ContactRule())).mean(1)
     standing = max(float(np.percentile(height, 90)), 1e-6)
     highest = MOST_STRETCHED * reach / standing
     if rule == "height":
         return highest
-    limbs = [limb_length(mocap, limb) for limb in mapping.limbs(mocap)]
-    return min(reach / float(np.mean(limbs)), highest)
+    return min(reach / mapping.limb_length(mocap), highest)
 
 
-def limb_length(mocap: Mocap, limb: Sequence[str]) -> float:
-    """Sum of the bones between the nodes of a limb, median over the clip, m."""
-    bones = np.linalg.norm(np.diff(mocap.keypoints(limb), axis=1), axis=-1)
-    return float(np.median(bones, axis=0).sum())
+def robot_feet(
+    mocap: Mocap,
+    mapping: BodyMap,
+    ground: np.ndarray,
+    foot_radius: float,
+    scale: float,
+    offset: np.ndarray,
+) -> np.ndarray:
+    """(T, P, 3) heels and toes of the robot that are pitched and point as the person's do, m.
+
+    Args:
+        mocap: Motion.
+        mapping: Feet of person and robot.
+        ground: (P,) heights at which the person's heels and toes stand, m.
+        foot_radius: m.
+        scale: Size of the robot's motion relative to the person's.
+        offset: (T, F, 3) m, from the scaled ankles to those of the robot.
+    """
+    nodes = mocap.keypoints(mapping.limb_ends(mocap))
+    own = recorded_feet(nodes, mocap.keypoints(mapping.hips), mapping.soles)
+    length, behind, height = np.array(
+        [(sole.length, sole.behind, sole.height) for sole in mapping.soles]
+    ).T
+    heels = sagittal(own.forward, own.pitch, -behind, -height)
+    toes = sagittal(own.forward, own.pitch, length - behind, -height)
+    ankles = scale * own.ankles + offset
+    air = np.minimum(own.heels[..., 2] - ground[::2], own.toes[..., 2] - ground[1::2])
+    lowest = np.minimum(heels[..., 2], toes[..., 2])
+    ankles[..., 2] = foot_radius + scale * np.maximum(air, 0.0) - lowest
+    feet = np.stack([ankles + heels, ankles + toes], axis=2)
+    return feet.reshape(mocap.frames, -1, 3)
 
 
 def paw_contacts(mocap: Mocap, mapping: BodyMap) -> np.ndarray:
-    """Which paws stand (T, F)."""
-    paws, hips = mocap.keypoints(mapping.limb_ends(mocap)), mocap.keypoints(mapping.hips)
+    """Which points of feet stand (T, P)."""
+    paws, hips = mapping.foot_points(mocap), mocap.keypoints(mapping.hips)
     return detect_contacts(paws, hips.mean(1), mocap.fps, ContactRule())
 
 

@@ -7,9 +7,9 @@ from lacoloco.datasets import rotations
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.mocap import load_bvh, read_bvh
 from lacoloco.datasets.samples import DOG_BVH
-from lacoloco.pipelines.retargeting.mocap.body_map import body_map, leg_geometry, side_partners
+from lacoloco.pipelines.retargeting.mocap.body_map import body_map, leg_geometry
 from lacoloco.pipelines.retargeting.mocap.glitches import without_glitches
-from lacoloco.pipelines.retargeting.mocap.reading import Reading, limb_pairs
+from lacoloco.pipelines.retargeting.mocap.reading import Reading
 from lacoloco.pipelines.retargeting.validation import check_recording
 from lacoloco.robots.registry import load_robot
 
@@ -17,7 +17,7 @@ SPEC = load_robot("solo12")
 MAP = body_map(SPEC)
 LEGS = leg_geometry(SPEC, MAP)
 RAW = read_bvh(DOG_BVH)
-PAIRS = limb_pairs(MAP.limbs(RAW), side_partners(LEGS))
+PAIRS = MAP.pairs(RAW, LEGS)
 
 
 def check(reading=None, change=lambda mocap: mocap, **how):
