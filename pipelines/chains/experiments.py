@@ -90,6 +90,13 @@ EXPERIMENTS = {
             "train-low": {"skill_shares": (("dog", 0.6), ("reach", 0.4))},
         },
     ),
+    "h1-human": Experiment(
+        "h1",
+        ("retarget", "track"),
+        ("track",),
+        "a person's motions, as the robot performs them",
+        settings={"retarget": {"augment": True}},
+    ),
     "h1-synthetic": Experiment("h1", ("generate",), ("generate",), "the same on the humanoid"),
 }
 
