@@ -85,7 +85,7 @@ def footprints(feet: np.ndarray, contacts: np.ndarray) -> np.ndarray:
     for heel in range(0, feet.shape[1], 2):
         pair = slice(heel, heel + 2)
         length = float(np.median(np.linalg.norm(feet[:, heel + 1] - feet[:, heel], axis=-1)))
-        touching = contacts[:, pair].any(axis=1)[:, None]
+        touching = contacts[:, heel : heel + 1] | contacts[:, heel + 1 : heel + 2]
         for _, start, stop in phases(touching):
             flat = contacts[start:stop, pair].all(axis=1)
             if flat.any():
