@@ -134,7 +134,8 @@ def test_maps_and_selections_are_listed():
     assert "mann-dog" in result.stdout and "LeftHand" in result.stdout
     assert "paper-dogs" in result.stdout
     answer = json.loads(invoke("--maps", "--json").stdout)
-    assert answer["maps"][0]["robot"] == "solo12"
+    robots = {row["name"]: row["robot"] for row in answer["maps"]}
+    assert robots["mann-dog"] == "solo12" and robots["lafan1"] == "h1"
     assert answer["selections"][0]["clips"] == 41
 
 
