@@ -205,7 +205,7 @@ def _actions(env: LeggedEnv, steps: int) -> torch.Tensor:
 
 
 def _targets(env: LeggedEnv, actions: torch.Tensor) -> torch.Tensor:
-    return env.default_joint_pos + env.task.action_scale * actions
+    return env.default_joint_pos + env.task.action_scale * actions[..., : env.spec.num_joints]
 
 
 def _loop(env: LeggedEnv, actions: torch.Tensor) -> None:

@@ -94,7 +94,7 @@ class TrainLowConfig:
     kl_anneal: Anneal = (0.1, 0.6, 1.0)
     bc_steps: Annotated[int, Within(0, 10**7)] = 3000
     bc_clip_start_fraction: Share = 0.2
-    expert_rounds: Annotated[int | None, Within(0, 1000)] = None
+    expert_rounds: Annotated[int, Within(0, 1000)] | None = None
     expert_worlds: Worlds = 256
     critic_warmup: Share = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)
