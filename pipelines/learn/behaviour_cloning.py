@@ -11,6 +11,7 @@ import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
+from lacoloco.pipelines.learn.latents import project, scatter
 from lacoloco.pipelines.learn.skill_embedding import SkillEmbedding, uniformity
 
 UNIFORMITY_WEIGHT = 0.02
@@ -72,6 +73,7 @@ def clone(
     steps: int,
     batch: int = 2048,
     learning_rate: float = 1e-3,
+    latent_noise: float = 0.0,
     generator: torch.Generator,
 ) -> float:
     """Minimise the squared error of the mean action over actor and embedding together; latents stay
@@ -87,16 +89,21 @@ def clone(
         steps: gradient steps.
         batch: rows per step.
         learning_rate: Adam's, falling linearly to zero.
+        latent_noise: how far the actor's latents may lie from the embedding's; see
+            :func:`~lacoloco.pipelines.learn.latents.scatter`.
         generator: source of randomness, on the device of the data's tensors.
 
     Returns:
         Root mean squared error over the last tenth of the steps, in action units.
     """
 
-    def observe(count: int) -> tuple[TensorDict, torch.Tensor]:
+    def observe(count: int) -> tuple[TensorDict, torch.Tensor, torch.Tensor]:
         windows, rows = sample(count)
-        groups = {"policy": data.observe(rows, generator), "latent": embedding(windows)}
-        return TensorDict(groups, batch_size=[len(rows)]), rows
+        exact = latents = embedding(windows)
+        if latent_noise:
+            latents = project(exact + scatter(*exact.shape, latent_noise, generator))
+        groups = {"policy": data.observe(rows, generator), "latent": latents}
+        return TensorDict(groups, batch_size=[len(rows)]), exact, rows
 
     with torch.no_grad():
         actor.update_normalization(observe(4 * batch)[0])
@@ -106,10 +113,10 @@ def clone(
     errors = []
     for step in range(steps):
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / steps)
-        observations, rows = observe(batch)
+        observations, exact, rows = observe(batch)
         # Nothing is asked where nobody knows.
         error = (actor(observations) - data.actions[rows]).nan_to_num().square().mean()
-        loss = error + UNIFORMITY_WEIGHT * uniformity(observations["latent"][:PAIRS_FROM])
+        loss = error + UNIFORMITY_WEIGHT * uniformity(exact[:PAIRS_FROM])
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         optimizer.step()

@@ -23,6 +23,17 @@ def sample_latents(count: int, dim: int, generator: torch.Generator) -> torch.Te
     return project(torch.randn(count, dim, generator=generator, device=generator.device))
 
 
+def scatter(count: int, dim: int, spread: float, generator: torch.Generator) -> torch.Tensor:
+    """(count, dim) Gaussian noise for latents, before they are projected again.
+
+    Its standard deviation is uniform between 0 and ``spread``, another for every latent: some stay
+    where they are, others come to lie where no clip has its latent.
+    """
+    device = generator.device
+    std = spread * torch.rand(count, 1, generator=generator, device=device)
+    return std * torch.randn(count, dim, generator=generator, device=device)
+
+
 def latent_usage(chosen: torch.Tensor) -> dict[str, float]:
     """How much of the sphere the chosen latents (n, d), unit vectors, make use of.
 

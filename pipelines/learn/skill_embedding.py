@@ -64,7 +64,8 @@ class SkillEmbedding(nn.Module):
         super().__init__()
         frames = timeline.frames
         mean, std = frames.mean(dim=0), frames.std(dim=0).clamp_min(1e-3)
-        self.config, self._last, self._normalized = config, timeline.last, (frames - mean) / std
+        self.config, self.dim = config, latent_dim
+        self._last, self._normalized = timeline.last, (frames - mean) / std
         self._offsets = (
             torch.linspace(0, config.steps, config.frames, device=frames.device).round().long()
         )

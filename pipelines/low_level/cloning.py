@@ -9,6 +9,7 @@ from rsl_rl.models import MLPModel
 
 from lacoloco.pipelines.learn.ase import LATENT, POLICY
 from lacoloco.pipelines.learn.behaviour_cloning import CloningData, clone
+from lacoloco.pipelines.learn.latents import project, scatter
 from lacoloco.pipelines.learn.skill_embedding import SkillEmbedding
 from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
 from lacoloco.pipelines.low_level.expert_worlds import LabelledStates
@@ -16,6 +17,9 @@ from lacoloco.pipelines.sim.clip_actions import ClipStates
 
 ASKED_SHARE = 0.5
 """Share of a batch that is of states in which experts were asked, once there are any."""
+
+HELD_NOISE = 8191
+"""Windows that follow each other have a noise of their own, so many before it comes again."""
 
 
 class Cloning:
@@ -28,10 +32,22 @@ class Cloning:
         data: CloningData,
         starts: Callable[[int], torch.Tensor],
         generator: torch.Generator,
+        latent_noise: float = 0.0,
     ) -> None:
-        """Begin with the clips alone; ``starts(n)`` draws n rows at which windows begin."""
+        """Begin with the clips alone.
+
+        Args:
+            clips: Their states.
+            embedding: Gives windows of them their latents.
+            data: What to reproduce.
+            starts: ``starts(n)`` draws n rows at which windows begin.
+            generator: Source of randomness.
+            latent_noise: How far the policy's latents may lie from those of the windows, see
+                :func:`~lacoloco.pipelines.learn.latents.scatter`. No clip has the latents in
+                between, but a high level will choose them.
+        """
         self._clips, self._embedding, self._data = clips, embedding, data
-        self._starts, self._generator = starts, generator
+        self._starts, self._generator, self._latent_noise = starts, generator, latent_noise
         self._asked: LabelledStates | None = None
 
     def fit(self, actor: MLPModel, steps: int) -> float:
@@ -42,7 +58,13 @@ class Cloning:
         if self._asked is not None:
             data = data.extended(self._asked.frames, self._asked.previous, self._asked.actions)
         return clone(
-            actor, self._embedding, data, self._sample, steps=steps, generator=self._generator
+            actor,
+            self._embedding,
+            data,
+            self._sample,
+            steps=steps,
+            latent_noise=self._latent_noise,
+            generator=self._generator,
         )
 
     def ask(self, actor: MLPModel, labels: ExpertLabels, action_noise: float) -> float:
@@ -56,14 +78,19 @@ class Cloning:
         Returns:
             Its falls per 1000 steps.
         """
-        ahead = self._embedding.config.ahead
+        ahead, dim = self._embedding.config.ahead, self._embedding.dim
+        # A window's latent is held, and its noise with it.
+        noise = scatter(HELD_NOISE, dim, self._latent_noise, self._generator)
 
         @torch.no_grad()
         def student(observation: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
             # A latent is held while it stands for what the clip does, then the next one is taken.
             first = self._first(rows)
             windows = rows - (rows - first) % max(1, ahead)
-            groups = {POLICY: observation, LATENT: self._embedding(windows)}
+            latents = self._embedding(windows)
+            if self._latent_noise:
+                latents = project(latents + noise[windows % HELD_NOISE])
+            groups = {POLICY: observation, LATENT: latents}
             mean: torch.Tensor = actor(groups)
             return mean
 

@@ -62,6 +62,8 @@ class TrainLowConfig:
             ``bc_steps`` come before each round, twice as many after the last. None: 7 for a robot
             with a gait whose clips say what their expert was commanded, 0 for others.
         expert_worlds: Worlds per expert and round.
+        latent_noise: Largest standard deviation of the noise on the latents of those rounds. A high
+            level also chooses latents that no clip has.
         critic_warmup: Share of the training in which critic, discriminator and encoder learn, but
             not the actor. The first advantages of an untrained critic would undo the pretraining.
         windows: What a latent describes while the clips are cloned.
@@ -96,6 +98,7 @@ class TrainLowConfig:
     bc_clip_start_fraction: Share = 0.2
     expert_rounds: Annotated[int, Within(0, 1000)] | None = None
     expert_worlds: Worlds = 256
+    latent_noise: Share = 0.5
     critic_warmup: Share = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)
     skill_shares: Annotated[tuple[tuple[Text, Share], ...], Length(0, 1000)] = ()

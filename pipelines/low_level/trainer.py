@@ -145,7 +145,10 @@ class LowTrainer:
             actions,
             noise_scale(env.terms).to(env.device),
         )
-        cloning = Cloning(self.clips, self.embedding, data, self._cloned, self.generator)
+        scattered = config.latent_noise if config.expert_rounds else 0.0
+        cloning = Cloning(
+            self.clips, self.embedding, data, self._cloned, self.generator, latent_noise=scattered
+        )
         for _ in range(config.expert_rounds or 0):
             assert self.labels is not None
             cloning.fit(self.algorithm.actor, round(ASKED_AFTER * config.bc_steps))
