@@ -77,7 +77,8 @@ class HindsightDistances:
 
     Attributes:
         stride: Metres over ground from which a latent counts as one that goes somewhere.
-        farthest: A latent that walks serves targets up to so far in its direction, m.
+        farthest: A latent that walks serves targets at least up to so far in its direction, and up
+            to the task's farthest, m.
     """
 
     stride: Length

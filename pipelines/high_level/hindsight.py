@@ -143,9 +143,11 @@ def _beyond(
     generator: torch.Generator,
 ) -> torch.Tensor:
     """(count, 3) points on the line from ``start`` through ``end`` (count, 3), as far beyond as
-    ``reach`` in [0, 1] says, up to ``farthest``, at heights that targets have.
+    ``reach`` in [0, 1] says, up to ``farthest`` or the farthest target, at heights that targets
+    have.
     """
-    stretch = distances.farthest / distance.clamp_min(distances.stride) - 1.0
+    farthest = max(distances.farthest, command.farthest())
+    stretch = farthest / distance.clamp_min(distances.stride) - 1.0
     stretch = 1.0 + reach * stretch.clamp_min(0.0)
     planar = start[:, :2] + (end - start)[:, :2] * stretch[:, None]
     return torch.cat((planar, uniform((command.z,), len(start), generator)), dim=-1)

@@ -4,6 +4,7 @@ touch.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar, Protocol
@@ -108,6 +109,12 @@ class TargetCommand:
             target[:, :2] *= torch.where(chance < self.near, factor, 1.0)
         target[:, :2] += origin[:, :2]
         return target
+
+    def farthest(self) -> float:
+        """Largest horizontal distance of a target from where the robot begins [m]."""
+        if self.radius is not None:
+            return self.radius
+        return math.hypot(max(map(abs, self.x)), max(map(abs, self.y)))
 
     def observe(self, command: torch.Tensor, state: RobotState) -> torch.Tensor:
         """(N, 3) the target in the base frame (full orientation, as in the original) [m]."""

@@ -118,3 +118,11 @@ def test_a_policy_learns_which_latent_leads_where():
     actor = make_actor({"policy": 44}, 7, NetworkConfig(actor=(64, 64)))
     columns = {"target": slice(34, 37), "last_latent": slice(37, 44)}
     assert clone_hindsight(actor, moving, COMMAND, columns, DISTANCES, CONFIG, generator()) > 0.95
+
+
+def test_a_task_with_farther_targets_has_them_served():
+    far = TargetCommand(x=(0.3, 3.0), y=(-4.0, 1.0), z=(0.16, 0.42))
+    assert far.farthest() == pytest.approx(5.0)
+    target, rows, _ = relabel(memory((0.2, 0.1, 0.0)), far, DISTANCES, 4000, generator())
+    start = 0.2 * (rows // 64)[:, None] * torch.tensor([1.0, 0.5])
+    assert float((target[:, :2] - start).norm(dim=-1).max()) == pytest.approx(5.0, abs=0.05)
