@@ -117,6 +117,8 @@ def config_of(experiment: Experiment, verb: str, *, preset: str, method: str) ->
     module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
     config = known(module.PRESETS, preset, "preset")()
     config = replace(config, **experiment.settings.get(verb, {}))
+    if preset != "smoke":
+        config = changed(config, experiment.balance.get(verb, {}))
     if verb == "train-low":
         discriminator, constrained = known(METHODS, method, "method")
         ase = replace(config.ase, discriminator=discriminator)

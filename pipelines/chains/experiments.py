@@ -44,6 +44,8 @@ class Experiment:
         decisions: at most so many train the high level; a quickstart shows that it works, not how
             well in the end.
         settings: verb -> fields of its config that are not the preset's.
+        balance: the same with dotted names, for robots that fall where others stand. The preset
+            ``smoke`` stays as small as it is.
         start_from: names of published policies; the chain begins with the low level of the first
             that there is.
     """
@@ -55,9 +57,23 @@ class Experiment:
     episodes: int = 4096
     decisions: int | None = None
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    balance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     start_from: tuple[str, ...] = ()
 
 
+BALANCE = {
+    "train-low": {
+        "networks.actor": (512, 256, 128),
+        "networks.critic": (512, 256, 128),
+        "ppo.gamma": 0.99,
+        "episode_s": 4.0,
+        "restart_probability": 0.3,
+        "long_horizon_from": 0.05,
+    }
+}
+"""A low level that was cloned from experts walks from the first sample on. What it has to learn is
+not to fall in ten seconds, so it sees them early, and values what comes later.
+"""
 EXPERIMENTS = {
     "quickstart": Experiment(
         "solo12",
@@ -96,8 +112,11 @@ EXPERIMENTS = {
         ("track",),
         "a person's motions, as the robot performs them",
         settings={"retarget": {"augment": True}},
+        balance=BALANCE,
     ),
-    "h1-synthetic": Experiment("h1", ("generate",), ("generate",), "the same on the humanoid"),
+    "h1-synthetic": Experiment(
+        "h1", ("generate",), ("generate",), "the same on the humanoid", balance=BALANCE
+    ),
 }
 
 

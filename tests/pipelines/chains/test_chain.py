@@ -135,6 +135,20 @@ def test_an_experiment_changes_what_the_preset_says(context):
     assert low.ase.discriminator == "gan" and low.samples == train_low.smoke().samples
 
 
+def test_robots_that_fall_have_a_recipe_of_their_own_but_for_the_smallest_preset(context):
+    humanoid = experiments.EXPERIMENTS["h1-synthetic"]
+    settings = {"train-low": {"ppo.gamma": 0.9}}
+    planned = chain._Chain(humanoid, context, "laptop", "drail-cat", [], settings)
+    low = planned.config("train-low")
+    assert low.networks.actor == (512, 256, 128) and low.long_horizon_from == 0.05
+    assert low.ppo.gamma == 0.9 and low.ppo.horizon == train_low.laptop().ppo.horizon
+    small = chain._Chain(humanoid, context, "smoke", "drail-cat", [], {}).config("train-low")
+    assert (small.networks, small.episode_s) == (
+        train_low.smoke().networks,
+        train_low.smoke().episode_s,
+    )
+
+
 def test_settings_reach_every_stage_and_come_after_preset_and_experiment(context):
     settings = {
         "generate": {"walk_clips": 5},
