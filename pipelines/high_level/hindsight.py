@@ -110,8 +110,8 @@ def relabel(
     (count,) weights.
 
     A latent that lifted the end effector into the targets' heights serves the point it came to. One
-    that went somewhere serves all points in that direction, of any height, and weighs more the
-    faster it went. Others weigh nothing.
+    that took the base somewhere serves all points in that direction, of any height, and weighs more
+    the faster it went. Others weigh nothing.
     """
     steps, worlds = memory.segment_end.shape
     rows = memory.segment_starts[
@@ -124,9 +124,11 @@ def relabel(
     chance, reach = torch.rand(2, count, generator=generator, device=generator.device)
     later = (now + 1 + (chance * span).long()).clamp_max(steps - 1)
     start, end = memory.end_effector[now, world], memory.end_effector[later, world]
-    distance = (end - start)[:, :2].norm(dim=-1)
+    # Of the base: an arm goes far where nobody walks.
+    moved = (memory.root_pos[later, world] - memory.root_pos[now, world])[:, :2]
+    distance = moved.norm(dim=-1)
     walks = distance > distances.stride
-    beyond = _beyond(start, end, distance, reach, command, distances, generator)
+    beyond = _beyond(start, moved, reach, command, distances, generator)
     target = torch.where(walks[:, None], beyond, end)
     weight = _weight(distance / (later - now).clamp_min(1), walks, end, command) * (span > 0)
     local = rotate_inverse(memory.root_quat[now, world], target - memory.root_pos[now, world])
@@ -135,21 +137,20 @@ def relabel(
 
 def _beyond(
     start: torch.Tensor,
-    end: torch.Tensor,
-    distance: torch.Tensor,
+    moved: torch.Tensor,
     reach: torch.Tensor,
     command: TargetCommand,
     distances: HindsightDistances,
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """(count, 3) points on the line from ``start`` through ``end`` (count, 3), as far beyond as
-    ``reach`` in [0, 1] says, up to ``farthest`` or the farthest target, at heights that targets
-    have.
+    """(count, 3) points from ``start`` (count, 3) in the direction of ``moved`` (count, 2), as far
+    as or farther than it, as ``reach`` in [0, 1] says, up to ``farthest`` or the farthest target,
+    at heights that targets have.
     """
     farthest = max(distances.farthest, command.farthest())
-    stretch = farthest / distance.clamp_min(distances.stride) - 1.0
+    stretch = farthest / moved.norm(dim=-1).clamp_min(distances.stride) - 1.0
     stretch = 1.0 + reach * stretch.clamp_min(0.0)
-    planar = start[:, :2] + (end - start)[:, :2] * stretch[:, None]
+    planar = start[:, :2] + moved * stretch[:, None]
     return torch.cat((planar, uniform((command.z,), len(start), generator)), dim=-1)
 
 

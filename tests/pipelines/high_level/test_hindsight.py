@@ -18,6 +18,7 @@ from lacoloco.robots.numbers import HindsightDistances
 
 DISTANCES = HindsightDistances(stride=0.15, farthest=2.0)
 COMMAND = TargetCommand(radius=1.5, z=(0.16, 0.42))
+WALK = (0.2, 0.1, 0.0)
 CONFIG = HindsightConfig(steps=300, batch=256)
 
 
@@ -25,24 +26,26 @@ def generator(seed=0):
     return torch.Generator().manual_seed(seed)
 
 
-def memory(moves, worlds=64, steps=6):
-    """Worlds that turn left by one radian a world, stand at their own place and move their foot by
-    ``moves`` (3,) a decision.
+def memory(moves, worlds=64, steps=6, base=(0.0, 0.0, 0.0)):
+    """Worlds that turn left by one radian a world, begin at their own place and move their foot by
+    ``moves`` (3,) a decision, as seen from there, and themselves by ``base`` (3,).
     """
     yaw = torch.arange(worlds).float()
     quat = from_yaw(yaw).expand(steps, worlds, 4)
     place = torch.stack((yaw, -yaw, torch.full((worlds,), 0.25)), dim=-1).expand(steps, worlds, 3)
-    along = torch.arange(steps).float()[:, None, None] * torch.tensor(moves)
-    end_effector = place + rotate(
-        quat.reshape(-1, 4), along.expand(steps, worlds, 3).reshape(-1, 3)
-    ).view(steps, worlds, 3)
+    decisions = torch.arange(steps).float()[:, None, None]
+
+    def after(move):
+        along = (decisions * torch.tensor(move)).expand(steps, worlds, 3)
+        return place + rotate(quat.reshape(-1, 4), along.reshape(-1, 3)).view(steps, worlds, 3)
+
     return RelabellingBuffer(
         obs=torch.zeros(steps, worlds, 10),
         latent=torch.nn.functional.normalize(
             torch.randn(steps, worlds, 7, generator=generator()), dim=-1
         ),
-        end_effector=end_effector,
-        root_pos=place,
+        end_effector=after(moves),
+        root_pos=after(base),
         root_quat=quat,
         segment_end=torch.full((steps, worlds), steps - 1),
         segment_starts=torch.arange(3 * worlds),
@@ -70,9 +73,8 @@ def test_where_the_foot_was_lifted_to_is_the_target():
 
 
 def test_a_latent_that_walks_serves_all_targets_in_its_direction():
-    target, rows, weight = relabel(memory((0.2, 0.1, 0.0)), COMMAND, DISTANCES, 4000, generator())
-    start = 0.2 * (rows // 64)[:, None] * torch.tensor([1.0, 0.5])
-    away = target[:, :2] - start
+    target, _, weight = relabel(memory(WALK, base=WALK), COMMAND, DISTANCES, 4000, generator())
+    away = target[:, :2]
     distance = away.norm(dim=-1)
     assert torch.allclose(away[:, 1] / away[:, 0], torch.full((4000,), 0.5), atol=1e-4)
     assert float(distance.min()) >= 0.2236 - 1e-4
@@ -87,7 +89,7 @@ def test_what_leads_nowhere_serves_nothing():
     assert not relabel(
         memory((0.0, 0.0, 0.0)), TargetCommand(z=(0.3, 0.4)), DISTANCES, 100, generator()
     )[2].any()
-    ended = memory((0.2, 0.0, 0.0))
+    ended = memory(WALK, base=WALK)
     ended = RelabellingBuffer(
         **{**vars(ended), "segment_end": torch.arange(6)[:, None].expand(6, 64)}
     )
@@ -109,6 +111,7 @@ def test_a_policy_learns_which_latent_leads_where():
         **{
             **vars(base),
             "end_effector": end_effector,
+            "root_pos": end_effector,
             "latent": latent,
             "root_quat": upright,
             "obs": torch.zeros(steps, worlds, 44),
@@ -123,6 +126,14 @@ def test_a_policy_learns_which_latent_leads_where():
 def test_a_task_with_farther_targets_has_them_served():
     far = TargetCommand(x=(0.3, 3.0), y=(-4.0, 1.0), z=(0.16, 0.42))
     assert far.farthest() == pytest.approx(5.0)
-    target, rows, _ = relabel(memory((0.2, 0.1, 0.0)), far, DISTANCES, 4000, generator())
-    start = 0.2 * (rows // 64)[:, None] * torch.tensor([1.0, 0.5])
-    assert float((target[:, :2] - start).norm(dim=-1).max()) == pytest.approx(5.0, abs=0.05)
+    target = relabel(memory(WALK, base=WALK), far, DISTANCES, 4000, generator())[0]
+    assert float(target[:, :2].norm(dim=-1).max()) == pytest.approx(5.0, abs=0.05)
+
+
+def test_an_arm_that_goes_far_has_not_walked():
+    """A humanoid's hand comes forward by more than a stride while it is lifted."""
+    target, rows, weight = relabel(memory((0.1, 0.0, 0.06)), COMMAND, DISTANCES, 2000, generator())
+    ahead, up = target[:, 0] / 0.1, target[:, 2] / 0.06
+    assert torch.allclose(ahead, up, atol=1e-4), "the point that the hand came to"
+    assert float(target[:, 0].max()) > 2 * DISTANCES.stride
+    assert torch.equal(weight > 0.0, target[:, 2] + 0.25 > COMMAND.z[0])
