@@ -67,12 +67,15 @@ class Cloning:
             generator=self._generator,
         )
 
-    def ask(self, actor: MLPModel, labels: ExpertLabels, action_noise: float) -> float:
+    def ask(
+        self, actor: MLPModel, labels: ExpertLabels, noise: torch.Tensor, action_noise: float
+    ) -> float:
         """Let the actor move by itself, with the noise of training, and keep what the experts say.
 
         Args:
             actor: The actor.
             labels: Worlds with experts.
+            noise: (F + A,) half-ranges of the uniform noise on what it sees.
             action_noise: Standard deviation of the noise on its actions.
 
         Returns:
@@ -80,7 +83,7 @@ class Cloning:
         """
         ahead, dim = self._embedding.config.ahead, self._embedding.dim
         # A window's latent is held, and its noise with it.
-        noise = scatter(HELD_NOISE, dim, self._latent_noise, self._generator)
+        apart = scatter(HELD_NOISE, dim, self._latent_noise, self._generator)
 
         @torch.no_grad()
         def student(observation: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
@@ -89,12 +92,12 @@ class Cloning:
             windows = rows - (rows - first) % max(1, ahead)
             latents = self._embedding(windows)
             if self._latent_noise:
-                latents = project(latents + noise[windows % HELD_NOISE])
+                latents = project(latents + apart[windows % HELD_NOISE])
             groups = {POLICY: observation, LATENT: latents}
             mean: torch.Tensor = actor(groups)
             return mean
 
-        new, falls = labels.collect(student, self._data.noise, action_noise)
+        new, falls = labels.collect(student, noise, action_noise)
         self._asked = new if self._asked is None else LabelledStates.joined([self._asked, new])
         return falls
 

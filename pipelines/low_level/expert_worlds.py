@@ -62,7 +62,8 @@ class WatchedClips:
         rows: (R,) rows that may be performed.
         stops: (M,) bool: at these rows the expert only knows how to come to rest, which others
             begin with. What it says once the robot rests does not count.
-        starts: (S,) rows at which a robot rests: where a world may begin.
+        starts: (S,) rows at which a robot rests: where a world may begin, as well as where the
+            imitation task begins.
     """
 
     clips: torch.Tensor
@@ -104,7 +105,7 @@ class ExpertWorlds:
         self._previous = with_memory(states, actions, imitate.memory)[1]
         self._rests = spec.skills.walk_speed
         self.env = LeggedEnv(
-            spec, _performed(load_task(spec, name)), worlds, seed=seed, device=str(device)
+            spec, _performed(load_task(spec, name), imitate), worlds, seed=seed, device=str(device)
         )
         self._generator = torch.Generator(device).manual_seed(seed)
         place = torch.arange(worlds, device=device) / worlds
@@ -176,7 +177,9 @@ class ExpertWorlds:
         return outcome, asked, torch.where(own.isnan(), asked, own)
 
     def _begin(self, mask: torch.Tensor) -> None:
-        """Begin anew in the worlds of ``mask`` (N,) bool: with a clip, or at rest."""
+        """Begin anew in the worlds of ``mask`` (N,) bool: with a clip, at rest, or as an episode of
+        the imitation task does.
+        """
         worlds = torch.nonzero(mask).flatten()
         if not len(worlds):
             return
@@ -187,9 +190,12 @@ class ExpertWorlds:
         rest = self._drawn(watched.starts, len(worlds))
         performs = self._performs[worlds]
         begin = torch.where(performs, first, rest)
-        nothing = torch.zeros_like(env.action[worlds])
-        env.start_from(worlds, states.qpos[begin], states.qvel[begin], nothing)
-        self._last_action[worlds] = self._previous[begin]
+        placed = performs | (self._uniform()[worlds] < 0.5)
+        chosen, there = worlds[placed], begin[placed]
+        nothing = torch.zeros_like(env.action[chosen])
+        env.start_from(chosen, states.qpos[there], states.qvel[there], nothing)
+        self._last_action[worlds] = 0.0
+        self._last_action[chosen] = self._previous[there]
         self._row[worlds], self._left[worlds] = begin, states.remaining[begin]
         env.command[worlds] = watched.commands[begin]
         self._take_up(mask & ~self._performs)
@@ -230,9 +236,11 @@ class ExpertWorlds:
         return draw(values.shape, generator=self._generator, device=values.device)
 
 
-def _performed(task: Task) -> Task:
-    """The expert's task, pushes included, from where clips start and under their commands."""
-    reset = replace(task.reset, gait_share=0.0)
+def _performed(task: Task, imitate: Task) -> Task:
+    """The expert's task, pushes included, from where the imitation task starts and under the clips'
+    commands.
+    """
+    reset = replace(imitate.reset, clip_share=0.0)
     return replace(without_noise(task), resample_s=None, episode_s=3600.0, reset=reset)
 
 

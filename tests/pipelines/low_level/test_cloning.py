@@ -38,7 +38,7 @@ def latents(noise):
     data = CloningData(frames, torch.zeros(FRAMES, 2), torch.zeros(FRAMES, 2), torch.zeros(4))
     generator, labels = torch.Generator().manual_seed(0), Labels()
     cloning = Cloning(states, embedding, data, lambda count: last[:count], generator, noise)
-    cloning.ask(lambda groups: groups["latent"], labels, 0.0)
+    cloning.ask(lambda groups: groups["latent"], labels, torch.zeros(4), 0.0)
     return labels.latents, embedding(torch.tensor([0, 0, 0, 5, 30]))
 
 
