@@ -135,7 +135,7 @@ HIGH = (
     Panel(
         "Latents in use, resultant", "|mean latent|", (Line("latent_resultant"),), limits=(0.0, 1.0)
     ),
-    Panel("Latents in use, directions", "of 7", (Line("latent_directions"),), limits=(1.0, 7.0)),
+    Panel("Latents in use, directions", "dimensions", (Line("latent_directions"),)),
     Panel("Exploration", "std [raw latent]", (Line("std"),)),
     *LEARNER,
 )

@@ -79,6 +79,7 @@ class LatentSteeredEnv:
         self.latent = torch.zeros(env.num_worlds, latent_dim, device=env.device)
         self.terms: tuple[Term, ...] = layouts.high_level_terms(
             env.spec.num_joints,
+            latent_dim,
             env.spec.observation_noise,
             None if env.task.command is None else env.task.command.term,
         )

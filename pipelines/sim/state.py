@@ -15,8 +15,6 @@ from lacoloco.robots.numbers import ObservationNoise
 if TYPE_CHECKING:
     from lacoloco.datasets.motion_library import MotionFrames
 
-LATENT_DIM = 7
-"""Dimension of the skill latent z (paper section IV-D)."""
 TARGET_DIM = 3
 CLEAN = ObservationNoise()
 
@@ -131,13 +129,16 @@ def policy_terms(
 
 
 def high_level_terms(
-    joints: int, noise: ObservationNoise = CLEAN, command: Term | None = None
+    joints: int,
+    latent_dim: int,
+    noise: ObservationNoise = CLEAN,
+    command: Term | None = None,
 ) -> tuple[Term, ...]:
     """Layout of the high-level policy's observation: style frame, command (a target in the base
     frame unless another is given), last latent.
     """
     asked = command or Term("target", TARGET_DIM, "m", "base")
-    return (*style_terms(joints, noise), asked, Term("last_latent", LATENT_DIM, "1", "latent"))
+    return (*style_terms(joints, noise), asked, Term("last_latent", latent_dim, "1", "latent"))
 
 
 def width(terms: tuple[Term, ...]) -> int:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from lacoloco.pipelines.evaluation.episodes import play_episodes
 from lacoloco.pipelines.high_level.config import CONTACT_FORCE_PENALTY
 from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
@@ -16,13 +17,17 @@ from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.train_high import smoke, was_constrained, with_contact_force_penalty
 
 
-@pytest.fixture
-def low():
+def low_level(latent_dim=7):
     """An untrained low level of Solo12, as it comes from a file."""
     torch.manual_seed(0)
-    sizes, networks = {"policy": 46, "latent": 7}, NetworkConfig(actor=(16,))
+    sizes, networks = {"policy": 46, "latent": latent_dim}, NetworkConfig(actor=(16,))
     actor = make_actor(sizes, 12, networks).eval()
     return Policy(Head("low", sizes, 12, networks, [], "imitate"), actor)
+
+
+@pytest.fixture
+def low():
+    return low_level()
 
 
 @pytest.fixture
@@ -48,6 +53,17 @@ def test_the_low_level_stays_as_it_is(make_trainer, low):
         not torch.equal(old, new)
         for old, new in zip(high, trainer.algorithm.actor.parameters(), strict=True)
     )
+
+
+def test_latents_have_the_dimension_of_the_low_level(solo12):
+    low, task = low_level(16), replace(load_task(solo12, "reach"), episode_s=0.2)
+    trainer = HighTrainer(solo12, low, replace(smoke(), worlds=4), seed=0, device="cpu")
+    assert trainer.head.sizes == {"policy": 34 + 3 + 16}
+    assert trainer.head.layout[-1]["slice"] == [37, 53]
+    assert -1.0 <= trainer.pretrain()["latent_cosine"] <= 1.0
+    trainer.iterate(0.5)
+    both = {"low": low, "high": trainer.policy()}
+    assert play_episodes(solo12, both, 2, worlds=2, seed=0, task=task).error.shape == (2,)
 
 
 def test_the_low_level_is_steered_by_unit_latents_and_acts_on_its_mean(make_trainer, low):

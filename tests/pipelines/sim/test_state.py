@@ -27,7 +27,7 @@ HALF = math.sqrt(0.5)
 def test_widths_are_those_of_the_paper(joints, style, policy, high):
     assert width(style_terms(joints)) == style
     assert width(policy_terms(joints)) == policy
-    assert width(high_level_terms(joints)) == high
+    assert width(high_level_terms(joints, 7)) == high
 
 
 def test_slices_of_a_layout_are_contiguous_and_in_the_order_of_the_design():
@@ -43,7 +43,7 @@ def test_slices_of_a_layout_are_contiguous_and_in_the_order_of_the_design():
         ("target", [46, 49]),
     ]
     assert all(row["unit"] and row["frame"] for row in rows)
-    names = [row["name"] for row in layout(high_level_terms(12))]
+    names = [row["name"] for row in layout(high_level_terms(12, 7))]
     assert names[-2:] == ["target", "last_latent"]
     assert "last_action" not in names
 
