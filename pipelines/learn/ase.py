@@ -143,7 +143,7 @@ class Ase(Ppo):
 
     def compute_returns(self, obs: TensorDict) -> None:
         """Add the style rewards of the whole rollout in one batch, then compute returns."""
-        rollout = self.transitions.flatten(0, 1)
+        rollout = self.transitions.flatten(0, 1)[self._valid_rows()]
         some = rollout[:: max(1, len(rollout) // STATISTICS)]
         self.normalizer.update(some, self.demonstrations(len(some)))
         self.metrics = self._reward_rollout()
@@ -225,13 +225,19 @@ class Ase(Ppo):
         predicted = self.encoder(flat)
         skill = encoder_reward(predicted, z)
         style = self.ase.imitation_weight * imitation + self.ase.encoder_weight * skill
-        style = self.ase.reward_scale * style * self.valid.flatten()
+        # Not times 0: a diverged world's state may be no number.
+        style = (self.ase.reward_scale * style).masked_fill(~self.valid.flatten(), 0.0)
         self.storage.rewards += style.view_as(self.storage.rewards)
+        rows = self._valid_rows()
         return {
-            "imitation_reward": float(imitation.mean()),
-            "encoder_reward": float(skill.mean()),
-            "encoder_cosine": float(cosine(predicted, z).mean()),
+            "imitation_reward": float(imitation[rows].mean()),
+            "encoder_reward": float(skill[rows].mean()),
+            "encoder_cosine": float(cosine(predicted, z)[rows].mean()),
         }
+
+    def _valid_rows(self) -> torch.Tensor:
+        """(n,) rows of the flattened rollout whose transitions did not diverge."""
+        return torch.nonzero(self.valid.flatten()).flatten()
 
     def _update_style(self) -> dict[str, float]:
         """Train discriminator and encoder on this rollout; returns mean metrics."""
@@ -252,7 +258,7 @@ class Ase(Ppo):
         Returns:
             All its valid transitions (n, 2F), normalised, and their latents (n, d).
         """
-        valid = torch.nonzero(self.valid.flatten()).flatten()
+        valid = self._valid_rows()
         raw = self.transitions.flatten(0, 1)[valid]
         latents = self.storage.observations[LATENT].flatten(0, 1)[valid]
         few = max(1, int(self.ase.replay_share * len(raw)))

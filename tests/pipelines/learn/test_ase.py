@@ -130,6 +130,26 @@ def test_broken_worlds_earn_and_teach_nothing(make_ase):
     assert {0, 1, 3} <= shown
 
 
+def test_statistics_and_metrics_leave_broken_worlds_out(make_ase):
+    """World 2 diverges to no number at all, world 5 to far away; the others are as without them."""
+    broken = torch.tensor([2, 5])
+    valid = torch.ones(WORLDS, dtype=torch.bool)
+    valid[broken] = False
+    states = torch.randn(HORIZON, WORLDS, 2, generator=torch.Generator().manual_seed(3))
+    found = []
+    for far in ((0.0, 0.0), (math.nan, 1e6)):
+        ase = make_ase()
+        frames = states.clone()
+        frames[:, broken] += torch.tensor(far)[:, None]
+        last = fill(ase, frames=lambda step, frames=frames: frames[step], valid=valid)
+        ase.compute_returns(last)
+        found.append((ase.normalizer.state_dict(), ase.metrics, ase.storage.rewards))
+    (usual, metrics, rewards), (statistics, same_metrics, same_rewards) = found
+    assert all(torch.equal(usual[name], statistics[name]) for name in usual)
+    assert same_metrics == metrics
+    assert torch.equal(rewards, same_rewards)
+
+
 def spy(ase):
     """Record what the discriminator is shown as the agent's."""
     seen, loss = [], ase.discriminator.loss
