@@ -66,6 +66,18 @@ class SoftTerminations:
         self.c_max = dict(state)
 
 
+def terminated(reward: torch.Tensor, delta: torch.Tensor) -> torch.Tensor:
+    """What a termination with probability ``delta`` leaves of a reward: (1 - delta) of it where it
+    is positive, all of it where it is negative.
+
+    CaT is made for rewards that are never negative (Chane-Sane et al., 2024); of a penalty its
+    factor (1 - delta) would take a part away, so that a violation paid. The original's code pays
+    max(0, (1 - delta) r) instead, which makes most penalties of its reaching expert inert. What
+    follows must be worth something for a termination to cost it; the weights of a task see to that.
+    """
+    return torch.where(reward > 0.0, reward * (1.0 - delta), reward)
+
+
 def ramp(progress: float, start: float, end: float) -> float:
     """Strength of the constraints: 0 until ``start``, then linear to 1 at ``end``; all as shares of
     the training.

@@ -18,6 +18,7 @@ from tensordict import TensorDict
 
 from lacoloco.datasets.config_values import Factor, LearningRate, PositiveFactor, Share, Within
 from lacoloco.pipelines.learn import parallel
+from lacoloco.pipelines.learn.cat import terminated
 from lacoloco.pipelines.learn.exploration import Exploration
 from lacoloco.pipelines.learn.networks import NetworkConfig, example, make_actor, make_critic
 from lacoloco.pipelines.learn.returns import advantages
@@ -220,7 +221,7 @@ class Ppo(PPO):
             last = self.critic(obs).squeeze(-1)
         following = torch.cat((values[1:], last[None]))
         next_values = torch.where(self.done, self.next_values, following)
-        rewards = storage.rewards.squeeze(-1) * (1.0 - self.delta)
+        rewards = terminated(storage.rewards.squeeze(-1), self.delta)
         gain = advantages(
             rewards,
             values,

@@ -20,13 +20,13 @@ def advantages(
     """GAE over (T, N) tensors.
 
     A constraint's termination probability ``delta`` discounts everything that follows, value and
-    trace alike, by gamma (1 - delta): the reward of step t itself must already carry its own factor
-    (1 - delta_t). A reset (``done``) only cuts the trace; whether there is a future is in
-    ``next_values``: the true next state's value, also at a time-out (so it bootstraps), and zero
-    after a fall.
+    trace alike, by gamma (1 - delta): the reward of step t itself must already have lost its own
+    share (:func:`~lacoloco.pipelines.learn.cat.terminated`). A reset (``done``) only cuts the
+    trace; whether there is a future is in ``next_values``: the true next state's value, also at a
+    time-out (so it bootstraps), and zero after a fall.
 
     Args:
-        rewards: r_t, already scaled by 1 - delta_t.
+        rewards: what their own delta_t left of them.
         values: V(s_t).
         next_values: V(s_{t+1}) *before* any reset; 0 after a fall.
         delta: termination probabilities in [0, 1].

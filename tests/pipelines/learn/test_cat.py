@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
+from lacoloco.pipelines.learn.cat import SoftTerminations, ramp, terminated
 
 
 def margins(*rows):
@@ -89,3 +89,10 @@ def test_state_dict_restores_the_scales():
     first(margins([10.0]), 1.0)
     second.load_state_dict(first.state_dict())
     assert second(margins([4.0]), 1.0).tolist() == first(margins([4.0]), 1.0).tolist()
+
+
+def test_a_violation_never_pays():
+    """Half of what is earned is lost; a penalty stays whole, where half of it would be a gain."""
+    reward, delta = torch.tensor([2.0, -2.0, 0.0, -2.0]), torch.tensor([0.5, 0.5, 0.5, 0.0])
+    assert terminated(reward, delta).tolist() == [1.0, -2.0, 0.0, -2.0]
+    assert (terminated(reward, torch.ones(4)) <= terminated(reward, torch.zeros(4))).all()

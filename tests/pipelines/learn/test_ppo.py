@@ -156,6 +156,18 @@ def test_an_episode_that_ends_inside_a_rollout_learns_nothing_from_the_next_one(
     assert (returns[1][2:] > returns[0][2:] + 50).all()
 
 
+def test_a_penalty_is_not_smaller_where_a_constraint_is_violated(make_ppo, observe):
+    """All fall, so nothing follows: -1 stays -1, where the reward of 1 is halved."""
+    ppo = make_ppo(horizon=1)
+    ppo.act(observe())
+    reward = torch.tensor([1.0, 1.0, -1.0, -1.0])
+    delta = torch.tensor([0.0, 0.5, 0.0, 0.5])
+    ppo.record(reward, ~NOBODY, NOBODY, observe(seed=1), delta=delta)
+    ppo.compute_returns(observe(seed=1))
+    returns = ppo.storage.returns[0, :, 0].tolist()
+    assert returns == pytest.approx([1.0, 0.5, -1.0, -1.0], abs=1e-6)
+
+
 def test_recorded_rewards_are_not_changed_behind_the_callers_back(make_ppo, observe):
     ppo = make_ppo(horizon=1)
     ppo.act(observe())
