@@ -178,7 +178,9 @@ class HighTrainer:
             "reward": decision.reward.mean(),
             "falls": (decision.fell & whole).sum(),
             "ended": whole.sum(),
-            "errors": torch.where(whole, decision.error, 0.0).sum(),
+            # The end effector of a diverged world is nowhere.
+            "measured": (whole & ~decision.diverged).sum(),
+            "errors": torch.where(whole & ~decision.diverged, decision.error, 0.0).sum(),
             "speed": self.env.env.state.lin_vel_b[:, :2].norm(dim=-1).mean(),
             "above": decision.above_limit.mean(dim=1).sum(),
             "substeps": decision.substeps.sum(),
@@ -196,9 +198,9 @@ class HighTrainer:
         metrics = {name: sums[name] / self.config.ppo.horizon for name in ("reward", "speed")}
         metrics["contact_violation"] = sums["above"] / max(sums["substeps"], 1.0)
         metrics["episodes"] = sums["ended"]
+        if sums["measured"] and self.env.env.task.has_target:
+            metrics["final_error"] = sums["errors"] / sums["measured"]
         if sums["ended"]:
-            if self.env.env.task.has_target:
-                metrics["final_error"] = sums["errors"] / sums["ended"]
             metrics["falls_per_episode"] = sums["falls"] / sums["ended"]
         return metrics
 
