@@ -26,7 +26,7 @@ def latent_switching_robustness(
 
     Every episode begins standing; its latents switch at a rate of its own, from held to resampled
     ten times a second (:class:`~lacoloco.pipelines.learn.latents.LatentConfig`). Mean actions, no
-    noise; the same episodes for the same seed.
+    noise, motors as strong as they are; the same episodes for the same seed.
 
     Returns:
         ``switching_fall_rate``, the share of episodes that end in a fall, and
@@ -39,6 +39,7 @@ def latent_switching_robustness(
         task,
         episode_s=seconds,
         noise=0.0,
+        training_limits=False,
         reset=ResetConfig(),
         randomisation=load_task(spec, "reach").randomisation,
     )

@@ -3,7 +3,8 @@ noise.
 
 Statistics of a training deceive: sampled actions walk where the mean action stands still, and
 resets into clips keep a policy in whatever it was put into. So the skills are counted the way a
-high level will use them, and the clips are counted by the same rules beside them.
+high level will use them, motors as strong as they are, and the clips are counted by the same rules
+beside them.
 """
 
 from __future__ import annotations
@@ -214,6 +215,7 @@ def _standing_env(spec: RobotSpec, worlds: int, seed: int, device: torch.device)
     task = replace(
         imitate_task(spec, constrained=False),
         noise=0.0,
+        training_limits=False,
         reset=still,
         randomisation=NO_RANDOMISATION,
     )

@@ -271,8 +271,9 @@ class LowTrainer:
 
         Returns:
             Falls in the last hundredth of the samples; the clips' mean planar speed [m/s], to
-            compare with ``speed``; worlds that diverged; after how many samples the chosen policy
-            was seen, and its coverage.
+            compare with ``speed``; worlds that diverged; what
+            :meth:`~lacoloco.pipelines.low_level.checkpoint_selection.Selection.confirm` says of the
+            chosen policy.
         """
         last = max(1, len(self.recent_falls) // 100)
         frames = self.demonstrations(16384)[:, : self.algorithm.transitions.shape[-1] // 2]
@@ -280,8 +281,7 @@ class LowTrainer:
             "falls_last_1pct": sum(self.recent_falls[-last:]),
             "clip_speed": float(frames[:, 4:6].norm(dim=-1).mean()),
             "diverged_worlds": float(self.env.diverged_total),
-            "chosen_after": float(self.selection.chosen["samples"]),
-            **self.selection.chosen["metrics"],
+            **self.selection.confirm(self.algorithm.actor),
         }
 
     def policy(self) -> Policy:

@@ -218,11 +218,7 @@ def test_a_new_episode_has_a_new_latent_and_its_last_state_the_old_one(make_trai
 def test_closing_metrics_compare_with_the_clips(make_trainer):
     trainer = make_trainer()
     trainer.recent_falls = [5.0] * 199 + [2.0]
-    trainer.selection.chosen = {
-        "actor": trainer.algorithm.actor.state_dict(),
-        "metrics": {"score": 0.3},
-        "samples": 640,
-    }
+    trainer.selection.confirm = lambda actor: {"score": 0.3, "chosen_after": 640.0}
     metrics = trainer.closing_metrics()
     assert metrics["falls_last_1pct"] == 7.0
     assert metrics["clip_speed"] == pytest.approx(0.4, abs=0.01)

@@ -8,21 +8,23 @@ import pytest
 import torch
 
 from lacoloco.pipelines.evaluation.robustness import latent_switching_robustness
-from lacoloco.pipelines.low_level.checkpoint_selection import score
+from lacoloco.pipelines.low_level import checkpoint_selection
+from lacoloco.pipelines.low_level.checkpoint_selection import OTHER_SEED, Selection, score
 from lacoloco.pipelines.low_level.trainer import LowTrainer
+from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.train_low import smoke
 
 CLIPS = {"clips_walk": 0.5, "clips_reach": 0.3, "clips_stand": 0.2}
 
 
 def metrics(
-    walk: float, reach: float, stand: float, fall: float, steered: float
+    walk: float, reach: float, stand: float, fall: float, steered: float, cells: float = 1.0
 ) -> dict[str, float]:
     shares = {"walk": walk, "reach": reach, "stand": stand, "fall": fall}
     return (
         {f"coverage_{name}": share for name, share in shares.items()}
         | CLIPS
-        | {"switching_fall_rate": steered}
+        | {"switching_fall_rate": steered, "coverage_cells": cells}
     )
 
 
@@ -67,7 +69,45 @@ def test_the_best_is_kept_and_survives_a_checkpoint(trainer, solo12, motions):
     assert float(next(trainer.algorithm.actor.parameters()).flatten()[0]) == 2.0, (
         "the training goes on with its own"
     )
-    assert trainer.closing_metrics()["chosen_after"] == 100.0
+
+
+def test_the_chosen_policy_is_measured_again_on_other_seeds(trainer, monkeypatch):
+    """It was chosen for 0.1; elsewhere it is 0.4 from the clips' shares and falls once in ten."""
+    seeds, falls = [], {0: 0.0, OTHER_SEED: 0.1}
+
+    def robustness(spec, policy, *, worlds, seed):
+        seeds.append(seed)
+        return {"switching_fall_rate": falls[seed]}
+
+    def measure(selection, actor):
+        assert float(next(actor.parameters()).flatten()[0]) == 1.0, "the chosen weights"
+        return metrics(0.9, 0.0, 0.1, 0.0, 0.0)
+
+    monkeypatch.setattr(checkpoint_selection, "latent_switching_robustness", robustness)
+    examined(trainer, [0.2, 0.1, 0.3])
+    before = trainer.selection.chosen
+    monkeypatch.setattr(Selection, "measure", measure)
+    closing = trainer.closing_metrics()
+    assert seeds == [0, 0, 0, OTHER_SEED]
+    assert closing["score"] == pytest.approx(0.4 + 4.0 * 0.1)
+    assert closing["chosen_score"] == pytest.approx(0.1)
+    assert closing["chosen_after"] == 100.0
+    assert trainer.selection.chosen is before
+
+
+def test_it_is_chosen_with_the_motors_that_it_is_evaluated_with(trainer, solo12, monkeypatch):
+    """3 N.m, as the MJCF has them; in training they have 4.5."""
+    strong = [trainer.selection.coverage.env]
+    built = LeggedEnv.__init__
+
+    def watched(env, *arguments, **options):
+        built(env, *arguments, **options)
+        strong.append(env)
+
+    monkeypatch.setattr(LeggedEnv, "__init__", watched)
+    latent_switching_robustness(solo12, trainer.policy(), worlds=2, seconds=0.02)
+    assert len(strong) == 2
+    assert not any(env.task.training_limits for env in strong)
 
 
 def test_only_what_comes_after_the_ramp_is_examined(solo12, motions):
