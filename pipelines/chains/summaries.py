@@ -32,7 +32,8 @@ def _evaluated(metrics: dict[str, Any]) -> str:
 
 SUMMARIES: dict[str, Callable[[dict[str, Any]], str]] = {
     "generate": lambda m: (
-        f"{m['clips']} clips, {m['seconds']:.0f} s; walking error {m['walk_error_mean']:.3f} m/s, "
+        f"{m['clips']} clips, {m['seconds']:.0f} s; walking error {m['walk_error_mean']:.3f} m/s "
+        f"and {m.get('walk_yaw_error_mean', float('nan')):.3f} rad/s, "
         f"reaching error {100 * m['reach_error_mean']:.1f} cm"
     ),
     "retarget": lambda m: f"{m['frames_per_second']:.0f} frames/s",

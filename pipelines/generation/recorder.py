@@ -40,6 +40,11 @@ def record(
     starts. More worlds than clips are run, and only worlds without a fall are kept, so no clip
     contains a reset.
 
+    Returns:
+        The clips, and by skill: ``<skill>_error_mean`` [m/s, or m for reaching] over all steps,
+        ``<skill>_error_settled`` at the last moment of each command, ``<skill>_yaw_error_...``
+        [rad/s] for a walking task, ``<skill>_falls`` of ``<skill>_worlds``.
+
     Raises:
         StageError: Fewer than ``count`` worlds stayed up.
     """
@@ -50,7 +55,7 @@ def record(
         spec, task, count + max(8, count // 4), seed=context.seed, device=context.device
     )
     upright = torch.ones(env.num_worlds, dtype=torch.bool, device=env.device)
-    rows, asked, errors, settled = [_row(env)], [], [], []
+    rows, asked, errors, ended = [_row(env)], [], [], []
     for step in range(steps):
         command = env.command.clone()
         outcome = env.step(policy(env.observe()))
@@ -59,7 +64,7 @@ def record(
         rows.append(_row(env))
         if step >= transient:
             errors.append(_tracking_error(env, command))
-            settled.append(errors[-1][(env.command != command).any(dim=-1)])
+            ended.append((env.command != command).any(dim=-1))
     kept = torch.nonzero(upright).flatten()
     skill = SKILLS[task_name]
     if len(kept) < count:
@@ -67,14 +72,15 @@ def record(
             f"the {skill} expert fell in {env.num_worlds - len(kept)} of {env.num_worlds} "
             "recordings; train it longer"
         )
-    last = torch.cat(settled)
-    metrics = {
-        f"{skill}_error_mean": float(torch.stack(errors).mean()),
-        # At the last moment of each command; the mean above includes the way there.
-        f"{skill}_error_settled": float(last.mean()) if len(last) else None,
-        f"{skill}_falls": float((~upright).sum()),
-        f"{skill}_worlds": float(env.num_worlds),
-    }
+    names = ("error", "yaw_error") if env.task.name == "walk" else ("error",)
+    metrics: dict[str, float | None] = {}
+    for name, column in zip(names, torch.stack(errors).unbind(dim=-1), strict=True):
+        # At the last moment of each command; the mean over all steps includes the way there.
+        last = column[torch.stack(ended)]
+        metrics[f"{skill}_{name}_mean"] = float(column.mean())
+        metrics[f"{skill}_{name}_settled"] = float(last.mean()) if len(last) else None
+    metrics[f"{skill}_falls"] = float((~upright).sum())
+    metrics[f"{skill}_worlds"] = float(env.num_worlds)
     weight = config.reach_weight if skill == "reach" else 1.0
     joint_target, commands = (
         torch.stack([*column, column[-1]], dim=1).cpu().numpy()
@@ -93,11 +99,14 @@ def standing_starts(reset: ResetConfig) -> ResetConfig:
 
 
 def _tracking_error(env: LeggedEnv, command: torch.Tensor) -> torch.Tensor:
-    """(N,) planar velocity error [m/s] of a walking task, end-effector error [m] of a reaching one,
-    for ``command`` (N, 3).
+    """(N, 2) errors of planar velocity [m/s] and yaw rate [rad/s] of a walking task, (N, 1) of the
+    end effector [m] of a reaching one, for ``command`` (N, 3).
     """
-    reached = env.state.lin_vel_b[:, :2] if env.task.name == "walk" else env.end_effector()
-    return torch.linalg.vector_norm(reached - command[:, : reached.shape[1]], dim=-1)
+    if env.task.name != "walk":
+        return torch.linalg.vector_norm(env.end_effector() - command, dim=-1, keepdim=True)
+    off = torch.cat((env.state.lin_vel_b[:, :2], env.state.ang_vel_b[:, 2:]), dim=-1) - command
+    speed = torch.linalg.vector_norm(off[:, :2], dim=-1)
+    return torch.stack((speed, off[:, 2].abs()), dim=-1)
 
 
 def _row(env: LeggedEnv) -> tuple[torch.Tensor, RobotState, torch.Tensor | None]:

@@ -142,6 +142,7 @@ HIGH = (
 EXPERTS = (
     Panel("Task reward", "per second", (Line("reward", "", PER_SECOND),)),
     Panel("Walking, velocity error", "m/s", (Line("velocity_error"),)),
+    Panel("Walking, yaw error", "rad/s", (Line("yaw_error"),)),
     Panel("Reaching, target error", "cm", (Line("target_error", "", 100.0),)),
     Panel("Falls", "per 1000 steps", (Line("falls_per_1000_steps"),)),
     Panel("Constraints", "% terminated (delta)", (Line("delta", "", 100.0),)),
