@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.pipelines.evaluation.skill_cells import CellCoverage, SkillCells
 from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
@@ -29,6 +30,8 @@ from lacoloco.robots.spec import RobotSpec
 
 REACH_SECONDS = 1.0
 QUANTILES = {"p10": 0.1, "p50": 0.5, "p90": 0.9}
+PLANAR, YAW_RATE = slice(4, 6), slice(9, 10)
+"""Columns of a style frame."""
 CLIP_WINDOWS = 512
 """Moments of the clips that are looked at, drawn by duration."""
 
@@ -51,6 +54,11 @@ class Behaviour:
     frame: torch.Tensor
     fell: torch.Tensor
     thresholds: SkillThresholds
+
+    @property
+    def motion(self) -> torch.Tensor:
+        """(N, 4) mean forward and lateral velocity [m/s], yaw rate [rad/s], and lift [m]."""
+        return torch.cat((self.frame[:, PLANAR], self.frame[:, YAW_RATE], self.lift[:, None]), 1)
 
     def shares(self) -> dict[str, float]:
         """Shares that fall, reach, walk (and do not reach) and stand (none of these); they add up
@@ -108,6 +116,7 @@ class SkillCoverage:
         window = (self.steps - self.steps // 2) * CONTROL_DT
         clips = clip_behaviour(spec, library, window, self._standing_height, seed)
         self._spread = clips.frame.std(dim=0).clamp_min(1e-3)
+        self._cells, self._clip_motion = SkillCells.of(spec), clips.motion
         self.clips = {
             f"clips_{name}": value
             for name, value in (clips.shares() | clips.distribution()).items()
@@ -123,7 +132,8 @@ class SkillCoverage:
             Shares ``coverage_walk``, ``coverage_reach``, ``coverage_fall``, ``coverage_stand``;
             means and quantiles of ``coverage_speed`` [m/s] and ``coverage_lift`` [m];
             ``coverage_clips``, the share of clips that some latent reproduces; ``coverage_spread``,
-            how much the latents differ from each other (1: as much as moments of the clips do); and
+            how much the latents differ from each other (1: as much as moments of the clips do);
+            those of :meth:`~lacoloco.pipelines.evaluation.skill_cells.CellCoverage.metrics`; and
             the clips' own metrics.
         """
         done = self._hold(policy)
@@ -131,7 +141,16 @@ class SkillCoverage:
         upright = done.frame[~done.fell] / self._spread
         metrics["clips"] = self._reproduced(upright)
         metrics["spread"] = float(upright.var(dim=0).mean().sqrt()) if len(upright) > 1 else 0.0
-        return {f"coverage_{name}": value for name, value in metrics.items()} | self.clips
+        cells = self._cells_of(done).metrics()
+        return {f"coverage_{name}": value for name, value in metrics.items()} | self.clips | cells
+
+    def cells(self, policy: Policy) -> CellCoverage:
+        """The cells that the policy's latents reach, beside those of the clips."""
+        return self._cells_of(self._hold(policy))
+
+    def _cells_of(self, done: Behaviour) -> CellCoverage:
+        upright = done.motion[~done.fell]
+        return CellCoverage(self._cells, self._clip_motion, upright, len(done.fell))
 
     def _hold(self, policy: Policy) -> Behaviour:
         env = self.env
@@ -190,6 +209,12 @@ def clip_means(library: MotionLibrary, samples: int = 64) -> torch.Tensor:
     share = torch.linspace(0.0, 1.0, samples, device=library.device).repeat(len(library))
     frames = library.frames(clips, share * library.durations[clips])
     return style_frame(RobotState.from_motion(frames)).view(len(library), samples, -1).mean(dim=1)
+
+
+def standing_height_of(spec: RobotSpec, device: torch.device) -> float:
+    """Height of the end effector of a robot that stands in its default pose [m]."""
+    qpos = torch.tensor(spec.default_qpos(), dtype=torch.float32, device=device)
+    return float(EndEffectorChain(spec, device)(qpos[None])[0, 2])
 
 
 def _behaviour(

@@ -100,9 +100,11 @@ class Selection:
 
 
 def score(metrics: Mapping[str, float]) -> float:
-    """How far the skills are from the clips' own shares (total variation, 0 to 1), and
-    ``FALLS_WEIGHT`` per fall under latent switching.
+    """How far the skills are from the clips' own shares (total variation, 0 to 1), the share of the
+    clips' moments in whose cell no latent comes (0 to 1), and ``FALLS_WEIGHT`` per fall under
+    latent switching.
     """
     clips = {name: metrics.get(f"clips_{name}", 0.0) for name in SKILLS}
     apart = sum(abs(metrics[f"coverage_{name}"] - clips[name]) for name in SKILLS) / 2.0
-    return apart + FALLS_WEIGHT * metrics["switching_fall_rate"]
+    lost = 1.0 - metrics["coverage_cells"]
+    return apart + lost + FALLS_WEIGHT * metrics["switching_fall_rate"]

@@ -87,6 +87,20 @@ LOW = (
         limits=(0.0, 100.0),
     ),
     Panel(
+        "Cells of velocity and height",
+        "% of what the clips show",
+        (
+            Line("coverage_cells", "reached by a latent", 100.0),
+            Line("coverage_turn_left", "latents that turn left", 100.0),
+            Line("coverage_turn_right", "right", 100.0),
+        ),
+        references=(
+            Line("clips_cells", "as many moments of clips", 100.0),
+            Line("clips_turn_left", "", 100.0),
+        ),
+        limits=(0.0, 100.0),
+    ),
+    Panel(
         "Speed of the base",
         "m/s",
         (

@@ -30,6 +30,11 @@ STANDS, CLIPS_STAND = 0.9, 0.5
 """Share of latents that stand, where at most this share of the clips does."""
 COLLAPSED, SKILL_SHARE = 0.95, 0.05
 """Share of latents of one kind, where this share of the clips is of each of two kinds at least."""
+LOST, TURNS, TURNS_LEFT = 0.6, 0.02, 0.25
+"""The latents reach less than the first share of what as many moments of the clips would. The clips
+turn to one side in at least the second share of their moments, the latents in less than the third
+share of that.
+"""
 HACKED_MOVES, HACKED_STARTS = 0.4, 0.2
 """In training at least the first share of the clips' speed, from a standing start at most the
 second share of that.
@@ -49,6 +54,8 @@ def low_level_warnings(history: History) -> list[str]:
         latents_ignored,
         mode_collapse,
         policy_just_stands,
+        skills_lost,
+        one_way_only,
         reward_hacked_by_resets,
     )
     return _all(checks, history)
@@ -122,6 +129,32 @@ def policy_just_stands(history: History) -> str | None:
             f"{clips:.0%} of the clips; try"
             " more bc_steps, fewer resets into clips (clip_share) or more exploration (std)"
         )
+    return None
+
+
+def skills_lost(history: History) -> str | None:
+    """The latents do only a part of what the clips show: some velocities and heights are gone."""
+    latest = _latest(history, "coverage_cells")
+    reached, clips = latest.get("coverage_cells", 1.0), latest.get("clips_cells", 0.0)
+    if reached < LOST * clips:
+        return (
+            f"skills lost: the latents reach {reached:.0%} of what the clips show, as many moments "
+            f"of the clips {clips:.0%}; see which: `lacoloco runs coverage`; try cell_balance"
+        )
+    return None
+
+
+def one_way_only(history: History) -> str | None:
+    """The clips turn to a side that the latents do not turn to."""
+    latest = _latest(history, "coverage_cells")
+    for side in ("left", "right"):
+        clips = latest.get(f"clips_turn_{side}", 0.0)
+        turns = latest.get(f"coverage_turn_{side}", 1.0)
+        if clips >= TURNS and turns < TURNS_LEFT * clips:
+            return (
+                f"hardly turns {side}: {turns:.1%} of the latents do, {clips:.1%} of the clips' "
+                "moments; try cell_balance, or experts that turn better"
+            )
     return None
 
 

@@ -82,6 +82,21 @@ def test_a_policy_that_does_what_the_clips_do_reproduces_them(
         assert coverage.measure(still)["coverage_clips"] == expected
 
 
+def test_cells_are_measured_in_the_same_worlds(coverage, still):
+    """The clips trot and turn left; a robot that stands does neither."""
+    metrics = coverage.measure(still)
+    assert metrics["coverage_cells"] == 0.0
+    assert (metrics["clips_turn_left"], metrics["clips_turn_right"]) == (1.0, 0.0)
+    assert (metrics["coverage_turn_left"], metrics["coverage_turn_right"]) == (0.0, 0.0)
+    found = coverage.cells(still)
+    assert found.metrics()["coverage_cells"] == 0.0
+    torch.testing.assert_close(found.latents, torch.zeros(8, 4), atol=0.05, rtol=0.0)
+    expected = torch.tensor([0.4, 0.0, 0.5]).expand(512, 3)
+    torch.testing.assert_close(found.clips[:, :3], expected, atol=0.01, rtol=0.0)
+    assert replace(found, latents=found.clips).metrics()["coverage_cells"] == 1.0
+    assert not coverage.env.task.training_limits, "the motors of an evaluation"
+
+
 def test_measuring_twice_gives_the_same(coverage, still):
     torch.manual_seed(0)
     with torch.no_grad():

@@ -34,6 +34,9 @@ def test_the_clips_own_shares_without_a_fall_score_zero():
         "half of the latents do something else"
     )
     assert score(metrics(0.5, 0.3, 0.2, 0.0, 0.05)) == pytest.approx(0.2)
+    assert score(metrics(0.5, 0.3, 0.2, 0.0, 0.0, cells=0.6)) == pytest.approx(0.4), (
+        "it walks and reaches as often, and does not turn"
+    )
 
 
 @pytest.fixture

@@ -17,6 +17,12 @@ HEALTHY = {
     "coverage_stand": 0.3,
     "coverage_fall": 0.0,
     "coverage_speed": 0.2,
+    "coverage_cells": 0.8,
+    "coverage_turn_left": 0.06,
+    "coverage_turn_right": 0.05,
+    "clips_cells": 0.95,
+    "clips_turn_left": 0.1,
+    "clips_turn_right": 0.1,
     "clips_walk": 0.77,
     "clips_reach": 0.09,
     "clips_stand": 0.14,
@@ -43,6 +49,9 @@ def names(warnings):
         ({"coverage_fall": 0.99, "coverage_stand": 0.0, "coverage_walk": 0.01}, "mode collapse"),
         ({"coverage_stand": 0.95, "coverage_walk": 0.05}, "policy just stands"),
         ({"speed": 0.3, "coverage_speed": 0.01}, "reward hacked by resets"),
+        ({"coverage_cells": 0.5}, "skills lost"),
+        ({"coverage_turn_left": 0.01}, "hardly turns left"),
+        ({"coverage_turn_right": 0.0}, "hardly turns right"),
     ],
 )
 def test_each_fault_is_named(changes, name):
@@ -60,6 +69,10 @@ def test_clips_that_walk_only_do_not_collapse_and_clips_that_stand_may_be_stood(
         low_level_warnings(training(**walk, clips_walk=1.0, clips_reach=0.0, clips_stand=0.0)) == []
     )
     assert low_level_warnings(training(coverage_stand=0.95, clips_stand=0.9)) == []
+
+
+def test_clips_that_turn_to_one_side_need_not_be_turned_to_the_other():
+    assert low_level_warnings(training(clips_turn_left=0.01, coverage_turn_left=0.0)) == []
 
 
 @pytest.mark.parametrize(
