@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -28,6 +29,23 @@ class MotionFrames:
     root_ang_vel_b: torch.Tensor
     joint_pos: torch.Tensor
     joint_vel: torch.Tensor
+
+
+@dataclass(frozen=True)
+class Emphasis:
+    """How much more often the moments of m parts of clips are drawn.
+
+    Attributes:
+        clips: (m,) numbers of the clips.
+        begin: (m,) seconds from the start of its clip at which a part begins.
+        end: (m,) seconds at which it ends.
+        factor: (m,) factor on how often its moments are drawn.
+    """
+
+    clips: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    factor: np.ndarray
 
 
 class MotionLibrary:
@@ -61,7 +79,10 @@ class MotionLibrary:
         self._weights = np.array([clip.weight for clip in clips])
         self._durations = np.array([clip.duration for clip in clips])
         self._weighting, self._shares = weighting, _skill_shares(self._skills, skill_shares)
-        self._cumulative: dict[float, tuple[torch.Tensor, torch.Tensor]] = {}
+        self._parts = Emphasis(
+            np.arange(len(clips)), np.zeros(len(clips)), self._durations, np.ones(len(clips))
+        )
+        self._cumulative: dict[float, tuple[torch.Tensor, ...]] = {}
 
         lengths = np.array([clip.frames for clip in clips])
         self._first = self._tensor(np.cumsum(lengths) - lengths, torch.long)
@@ -130,6 +151,19 @@ class MotionLibrary:
         shown = [index for index, name in enumerate(self._skills) if name == skill]
         return torch.tensor(shown, dtype=torch.long, device=self.device)
 
+    def emphasised(self, parts: Emphasis) -> MotionLibrary:
+        """The same clips, some moments of which are drawn more often; others are not drawn."""
+        other = copy.copy(self)
+        other._parts, other._cumulative = parts, {}
+        other._draw(0.0)
+        return other
+
+    def shares(self) -> torch.Tensor:
+        """(clips,) float64 shares of the clips among the moments that are drawn."""
+        edges, clip_ids = self._draw(0.0)[:2]
+        drawn = torch.zeros(len(self), dtype=torch.float64, device=self.device)
+        return drawn.index_add(0, clip_ids, edges.diff())
+
     def sample(
         self, n: int, generator: torch.Generator | None = None, margin: float = 0.0
     ) -> tuple[torch.Tensor, torch.Tensor]:
@@ -147,13 +181,13 @@ class MotionLibrary:
         Raises:
             DatasetError: no clip is longer than the margin.
         """
-        edges, seconds = self._draw(margin)
-        # One number gives both: which clip it falls into, and how far into the clip.
+        edges, clip_ids, begin, seconds = self._draw(margin)
+        # One number gives both: which part it falls into, and how far into it.
         number = torch.rand(n, generator=generator, device=self.device, dtype=torch.float64)
-        clip_ids = torch.searchsorted(edges[1:-1], number, right=True)
-        start = edges[clip_ids]
-        within = (number - start) / (edges[clip_ids + 1] - start)
-        return clip_ids, (within * seconds[clip_ids]).to(torch.float32)
+        part = torch.searchsorted(edges[1:-1], number, right=True)
+        start = edges[part]
+        within = (number - start) / (edges[part + 1] - start)
+        return clip_ids[part], (begin[part] + within * seconds[part]).to(torch.float32)
 
     def sample_transitions(
         self, n: int, dt: float, generator: torch.Generator | None = None
@@ -216,8 +250,10 @@ class MotionLibrary:
             start += clip.frames
         return torch.from_numpy(table).to(self.device)
 
-    def _draw(self, margin: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Edges (clips + 1,) of the clips' shares on [0, 1], and seconds (clips,) to draw from."""
+    def _draw(self, margin: float) -> tuple[torch.Tensor, ...]:
+        """Edges (m + 1,) of the parts' shares on [0, 1], the numbers (m,) of their clips, and where
+        they begin and how many seconds there are to draw from (m,).
+        """
         if margin not in self._cumulative:
             # A clip without room between margin and end can still give its first frame.
             seconds = self._durations - margin
@@ -228,6 +264,13 @@ class MotionLibrary:
                 shares = shares * np.maximum(seconds, 1e-6)
             if self._weighting == "skill":
                 shares = self._balance_skills(shares)
+            parts = self._parts
+            whole = np.maximum(seconds[parts.clips], 1e-6)
+            # The first part of a clip can give its first frame, if nothing else.
+            least = np.where(parts.begin == 0.0, 1e-6, 0.0)
+            room = np.minimum(parts.end, seconds[parts.clips]) - parts.begin
+            shares = shares[parts.clips] * (np.maximum(room, least) / whole) * parts.factor
+            room = np.maximum(room, 0.0)
             if not shares.sum() > 0:
                 raise DatasetError(
                     f"no clip with a positive weight lasts {margin:g} s; give longer clips"
@@ -235,7 +278,9 @@ class MotionLibrary:
             edges = np.concatenate([[0.0], np.cumsum(shares)]) / shares.sum()
             self._cumulative[margin] = (
                 self._tensor(edges, torch.float64),
-                self._tensor(seconds, torch.float64),
+                self._tensor(parts.clips, torch.long),
+                self._tensor(parts.begin, torch.float64),
+                self._tensor(room, torch.float64),
             )
         return self._cumulative[margin]
 

@@ -69,6 +69,9 @@ class TrainLowConfig:
         windows: What a latent describes while the clips are cloned.
         skill_shares: Pairs of a skill's name and its share of demonstrations and of resets into
             clips. Empty: by duration.
+        cell_balance: How evenly demonstrations, cloned windows and resets are drawn over the cells
+            of velocity and end-effector height that the clips show: 0 as often as the clips show
+            them, 1 all cells alike.
         coverage_every: Control steps between two measurements of the skill coverage. 0: only at the
             end.
         coverage_latents: Latents held in each measurement.
@@ -102,6 +105,7 @@ class TrainLowConfig:
     critic_warmup: Share = 0.03
     windows: WindowConfig = field(default_factory=WindowConfig)
     skill_shares: Annotated[tuple[tuple[Text, Share], ...], Length(0, 1000)] = ()
+    cell_balance: Share = 0.0
     coverage_every: Annotated[int, Within(0, 10**12)] = 250_000
     coverage_latents: Annotated[int, Within(1, 131_072)] = 256
     choose_from: Share = 0.8

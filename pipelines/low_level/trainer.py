@@ -19,6 +19,7 @@ from lacoloco.pipelines.learn.latents import LatentSchedule
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
 from lacoloco.pipelines.learn.networks import annealed, set_std
 from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
+from lacoloco.pipelines.low_level.cell_balance import balanced
 from lacoloco.pipelines.low_level.checkpoint_selection import Selection
 from lacoloco.pipelines.low_level.cloning import Cloning
 from lacoloco.pipelines.low_level.config import TrainLowConfig
@@ -68,9 +69,10 @@ class LowTrainer:
             StageError: There are to be such rounds, and no clip says what an expert was commanded.
         """
         torch.manual_seed(seed)
-        self.config, self.spec, self.motions, self.seed = config, spec, library, seed
+        self.motions = balanced(spec, library, config.cell_balance)
+        self.config, self.spec, self.seed = config, spec, seed
         self.env = LeggedEnv(
-            spec, _task(spec, config), config.worlds, seed=seed, device=device, motions=library
+            spec, _task(spec, config), config.worlds, seed=seed, device=device, motions=self.motions
         )
         self.env.stagger()
         self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)

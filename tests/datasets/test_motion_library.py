@@ -6,7 +6,7 @@ import torch
 
 from lacoloco.datasets import rotations
 from lacoloco.datasets.errors import DatasetError
-from lacoloco.datasets.motion_library import MotionLibrary
+from lacoloco.datasets.motion_library import Emphasis, MotionLibrary
 
 DT = 0.02
 
@@ -173,3 +173,34 @@ def test_joint_targets_are_those_of_the_frame_or_unknown(make_clip):
     expected = torch.from_numpy(asked[[2, 3, -1]])
     assert torch.equal(rows[1:], expected)
     assert library.joint_targets(ids, times, 0.5 / known.fps).isnan().all()
+
+
+def test_parts_of_clips_are_drawn_as_often_as_asked(make_clip, generator):
+    """The second half of clip 0 three times as often as the first, clip 1 not at all."""
+    library = MotionLibrary([make_clip(frames=51, fps=50.0), make_clip(frames=101, fps=50.0)])
+    parts = Emphasis(
+        np.array([0, 0]), np.array([0.0, 0.5]), np.array([0.5, 1.0]), np.array([1.0, 3.0])
+    )
+    drawn = library.emphasised(parts)
+    clips, times = drawn.sample(4000, generator)
+    assert not clips.any()
+    assert float((times >= 0.5).float().mean()) == pytest.approx(0.75, abs=0.03)
+    assert drawn.shares().tolist() == pytest.approx([1.0, 0.0])
+    assert library.shares().tolist() == pytest.approx([1.0 / 3.0, 2.0 / 3.0])
+    late = drawn.sample(4000, generator, margin=0.75)[1]
+    assert float(late.max()) <= 0.25
+    assert float(late.mean()) == pytest.approx(0.125, abs=0.01)
+    with pytest.raises(DatasetError, match="lasts 2 s"):
+        drawn.sample(1, generator, margin=2.0)
+
+
+def test_every_clip_as_one_part_draws_what_the_library_draws(make_clip):
+    library = MotionLibrary([make_clip(frames=31, fps=50.0), make_clip(frames=101, fps=60.0)])
+    whole = Emphasis(np.arange(2), np.zeros(2), library.durations.double().numpy(), np.ones(2))
+    for margin in (0.0, 0.02):
+        first, second = (
+            each.sample(50, torch.Generator().manual_seed(0), margin)
+            for each in (library, library.emphasised(whole))
+        )
+        assert torch.equal(first[0], second[0])
+        torch.testing.assert_close(first[1], second[1])
