@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lacoloco_cli import clean, console, plot, publish, report
+from lacoloco_cli import clean, console, coverage, plot, publish, report
 from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
@@ -29,6 +29,7 @@ app = typer.Typer(
 )
 app.add_typer(clean.app)
 app.add_typer(plot.app)
+app.add_typer(coverage.app)
 app.add_typer(publish.app)
 app.add_typer(report.app)
 

@@ -12,11 +12,14 @@ from typing import Any, cast
 import torch
 from rsl_rl.models import MLPModel
 
-from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
+from lacoloco.datasets.artifact import Artifact, read_artifact, read_header, write_artifact
+from lacoloco.datasets.clip import SCHEMA as MOTIONS
 from lacoloco.datasets.config_values import check_config
 from lacoloco.datasets.errors import ArtifactError
+from lacoloco.datasets.lineage import lineage
 from lacoloco.datasets.old_names import translated
 from lacoloco.datasets.state import flatten_state, unflatten_state
+from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.robot import record_of
 from lacoloco.pipelines.sim.tasks import Task, load_task, task_from_text
@@ -130,6 +133,23 @@ def load_policies(
                 f"{path}: holds {', '.join(policies)}, not the {role} policy; name another artifact"
             )
     return artifact, policies
+
+
+def motions_of(policy: Path) -> list[Path]:
+    """The motion artifacts in a policy's lineage, as they were when it was trained.
+
+    Raises:
+        StageError: they are no longer there.
+    """
+    ancestors = [a for a in lineage(policy) if a.header is not None and a.header.schema == MOTIONS]
+    found = [ancestor.path for ancestor in ancestors if ancestor.state == "ok"]
+    if not found:
+        what = read_header(policy).metadata.get("method", "policy")
+        raise StageError(
+            f"{policy}: the motions that this {what} was trained on are gone; name some with "
+            "--motions"
+        )
+    return list(dict.fromkeys(found))
 
 
 def _head(data: dict[str, Any]) -> Head:

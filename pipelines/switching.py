@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import Annotated
 
 from lacoloco.datasets.artifact import read_header, write_artifact
-from lacoloco.datasets.clip import SCHEMA as MOTIONS
 from lacoloco.datasets.clip import load_clips
 from lacoloco.datasets.config_values import Within
-from lacoloco.datasets.lineage import lineage
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.rollout import record_reach
 from lacoloco.pipelines.evaluation.skill_classifier import NearestClip
 from lacoloco.pipelines.evaluation.skill_switching import LAST, compare
+from lacoloco.pipelines.policies import motions_of
 from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.stage import StageContext, StageResult
 
@@ -119,20 +118,3 @@ def run(
     done = directory.complete()
     metrics = {**found.metrics(), "episodes": config.episodes, "shown": shown}
     return StageResult(done, {**metrics, "picture": str(done.with_name(PICTURE))})
-
-
-def motions_of(policy: Path) -> list[Path]:
-    """The motion artifacts in a policy's lineage, as they were when it was trained.
-
-    Raises:
-        StageError: they are no longer there.
-    """
-    ancestors = [a for a in lineage(policy) if a.header is not None and a.header.schema == MOTIONS]
-    found = [ancestor.path for ancestor in ancestors if ancestor.state == "ok"]
-    if not found:
-        what = read_header(policy).metadata.get("method", "policy")
-        raise StageError(
-            f"{policy}: the motions that this {what} was trained on are gone; name some with "
-            "--motions"
-        )
-    return list(dict.fromkeys(found))

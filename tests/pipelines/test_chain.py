@@ -16,10 +16,11 @@ from lacoloco.pipelines import evaluate, export, generate, switching, train_high
 from lacoloco.pipelines import play as playback
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation import rollout
+from lacoloco.pipelines.evaluation.policy_coverage import policy_coverage
 from lacoloco.pipelines.exporting import onnx_files
 from lacoloco.pipelines.exporting.controller import Controller, Safety, Sensors, rotation
 from lacoloco.pipelines.learn.latents import project
-from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.policies import load_policies, motions_of
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
@@ -299,7 +300,17 @@ def test_switching_needs_motions_that_are_still_there(chain, tmp_path):
     alone = tmp_path / "policy.h5"
     alone.write_bytes(chain.high.artifact.read_bytes())
     with pytest.raises(StageError, match=r"policy.h5.*--motions"):
-        switching.motions_of(alone)
+        motions_of(alone)
+
+
+def test_a_stored_low_level_is_compared_with_the_clips_it_comes_from(chain):
+    """From its own artifact, and from the high level's, which carries it."""
+    found = policy_coverage(chain.low.artifact, latents=4, seed=0)
+    assert (found.held, tuple(found.clips.shape)) == (4, (512, 4))
+    assert len(found.latents) <= 4
+    again = policy_coverage(chain.high.artifact, [chain.made.artifact], latents=4, seed=0)
+    assert torch.equal(found.clips, again.clips)
+    assert torch.equal(found.latents, again.latents)
 
 
 def test_a_low_level_alone_holds_one_latent_per_episode_or_changes_them(chain):
