@@ -41,6 +41,7 @@ LOG_KEYS = (
     "falls_per_1000_steps",
     "coverage_walk",
     "coverage_reach",
+    "coverage_cells",
 )
 
 
