@@ -1,7 +1,9 @@
-"""`lacoloco robots`: list, show and check the robots."""
+"""`lacoloco robots`: list, show, check and import robots."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
     from lacoloco.robots.check import CheckReport
     from lacoloco.robots.spec import RobotSpec
 
-app = typer.Typer(no_args_is_help=True, help="List, show and check the robots.")
+app = typer.Typer(no_args_is_help=True, help="List, show, check and import robots.")
 
 _ONE = "One of `lacoloco robots list`, or a folder with robot.toml and its MJCF"
 Name = Annotated[str | None, typer.Argument(metavar="NAME|PATH", help=f"{_ONE}.")]
@@ -127,6 +129,46 @@ def check_robots(session: Session, name: OptionalName = None, robot: RobotOption
     session.answer(answer, show)
     if failures:
         raise typer.Exit(USER_MISTAKE)
+
+
+@verb(app, "import", shared=READING)
+def import_one(
+    session: Session,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="MJCF or URDF, as published.")],
+    name: Annotated[str, typer.Option("--name", help="What the robot is called from now on.")],
+    to: Annotated[
+        Path | None,
+        typer.Option(
+            "--to",
+            metavar="DIR",
+            help="Folder for the robot's folder; default: ~/.config/lacoloco/robots.",
+        ),
+    ] = None,
+    fix: Annotated[
+        list[str] | None,
+        typer.Option("--fix", metavar="JOINT", help="Weld joints, by name or pattern."),
+    ] = None,
+) -> None:
+    """Make robot.toml and MJCF from an MJCF or URDF, and ask for what it does not say."""
+    from lacoloco.robots.importing.importer import import_robot
+    from lacoloco.robots.registry import OWN
+
+    robots = Path(OWN if to is None else to).expanduser()
+    imported = import_robot(file, name, robots, fixed=fix or ())
+    questions = [asdict(question) for question in imported.questions]
+    answer = {"folder": str(imported.folder), "notes": imported.notes, "questions": questions}
+
+    def show() -> None:
+        for line in imported.notes:
+            typer.echo(line)
+        if questions:
+            rows = [(one["key"], one["what"], one["assumed"] or "-") for one in questions]
+            columns = {"fill in": 40, "what": None, "until then": 24}
+            console.print_wrapped(columns, rows)
+        wanted = name if to is None else imported.folder
+        typer.echo(f"made {imported.folder}; next: lacoloco robots check {wanted}")
+
+    session.answer(answer, show)
 
 
 def _wanted(name: str | None, robot: str | None) -> str | None:

@@ -1,0 +1,1 @@
+"""From a published MJCF or URDF to the two files of a robot."""

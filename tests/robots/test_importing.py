@@ -1,0 +1,130 @@
+"""A small quadruped of our own, written as people publish theirs, becomes a robot."""
+
+import numpy as np
+import pytest
+
+from lacoloco.robots.check import check_robot
+from lacoloco.robots.errors import RobotError
+from lacoloco.robots.importing.importer import import_robot
+from lacoloco.robots.registry import load_robot
+
+LEG = """
+<body name="{n}_hip" pos="{x} {y} 0">
+  <inertial pos="0 0 0" mass="0.4" diaginertia="0.0004 0.0004 0.0004"/>
+  <joint name="{n}_roll" axis="1 0 0" range="-0.8 0.8"/>
+  <body name="{n}_thigh" pos="0 {out} 0">
+    <inertial pos="0 0 -0.08" mass="0.6" diaginertia="0.002 0.002 0.0005"/>
+    <joint name="{n}_pitch" axis="0 1 0" range="-1 3"/>
+    <geom type="capsule" size="0.015" fromto="0 0 -0.03 0 0 -0.15"/>
+    <body name="{n}_calf" pos="0 0 -0.2">
+      <inertial pos="0 0 -0.1" mass="0.2" diaginertia="0.001 0.001 0.0001"/>
+      <joint name="{n}_knee" axis="0 1 0" range="-2.7 -0.4"/>
+      <geom type="capsule" size="0.01" fromto="0 0 -0.03 0 0 -0.17"/>
+      <geom type="sphere" size="0.02" pos="0 0 -0.2"/>
+    </body>
+  </body>
+</body>"""
+NAMES = ("FL", "FR", "RL", "RR")
+
+
+def mjcf(keyframe="", joint='armature="0.01"', motor='ctrlrange="-20 20"'):
+    legs = "".join(
+        LEG.format(
+            n=name,
+            x=0.2 if name[0] == "F" else -0.2,
+            y=0.05 if name[1] == "L" else -0.05,
+            out=0.08 if name[1] == "L" else -0.08,
+        )
+        for name in NAMES
+    )
+    motors = "".join(
+        f'<motor joint="{name}_{part}" {motor}/>'
+        for name in NAMES
+        for part in ("roll", "pitch", "knee")
+    )
+    return f"""
+<mujoco><compiler angle="radian" autolimits="true"/>
+<default><joint {joint}/></default>
+<worldbody><geom type="plane" size="1 1 1"/>
+<body name="trunk" pos="0 0 0.5"><freejoint/>
+<inertial pos="0 0 0" mass="6" diaginertia="0.02 0.06 0.07"/>
+<geom type="box" size="0.18 0.04 0.05"/>{legs}</body></worldbody>
+<actuator>{motors}</actuator>{keyframe}</mujoco>"""
+
+
+@pytest.fixture
+def made(tmp_path):
+    """Import a text; gives what was imported and the robot."""
+
+    def make(text, **options):
+        file = tmp_path / "published.xml"
+        file.write_text(text)
+        imported = import_robot(file, "rover", tmp_path / "robots", **options)
+        return imported, load_robot(imported.folder)
+
+    return make
+
+
+def test_a_published_quadruped_passes_the_check(made):
+    imported, robot = made(mjcf())
+    assert check_robot(robot, poses=3).failures() == ()
+    assert robot.feet == tuple(f"{name}_calf_foot" for name in NAMES)
+    assert robot.knee_frames == tuple(f"{name}_calf" for name in NAMES)
+    assert robot.abduction_joints == tuple(f"{name}_roll" for name in NAMES)
+    assert robot.end_effector.body == "FR_calf_foot"
+    assert robot.fall_bodies == ("trunk",)
+    assert robot.keypoints["LeftFoot"] == "RL_calf_foot"
+    assert robot.total_mass() == pytest.approx(10.8)
+    assert list(robot.effort_limits()) == [20.0] * 12
+    assert robot.stiffness == (20.0,) * 12
+    # 0.85 of a leg of 0.4 m, and the radius of the foot
+    assert robot.default_height() == pytest.approx(0.85 * 0.4 + 0.02, abs=1e-3)
+    assert {q.key for q in imported.questions} == {
+        "robot.toml: joints: speed",
+        "robot.toml: joints: default",
+    }
+
+
+def test_the_pose_of_a_keyframe_is_taken(made):
+    pose = "0 0.9 -1.8 " * 4
+    key = f'<keyframe><key name="home" qpos="0 0 0.3 1 0 0 0 {pose}"/></keyframe>'
+    imported, robot = made(mjcf(key))
+    np.testing.assert_allclose(robot.default_joint_pos, [0.0, 0.9, -1.8] * 4)
+    assert [q.key for q in imported.questions] == ["robot.toml: joints: speed"]
+    assert check_robot(robot, poses=3).failures() == ()
+
+
+def test_what_a_file_does_not_say_is_asked_for_and_found_by_the_check(made):
+    imported, robot = made(mjcf(joint="", motor=""))
+    keys = [question.key for question in imported.questions]
+    assert keys[0] == "rover.xml: joint: actuatorfrcrange"
+    assert "rover.xml: joint: armature" in keys
+    problems = [check.problem for check in check_robot(robot, poses=3).failures()]
+    assert any("actuatorfrcrange of joint 'FL_roll'" in problem for problem in problems)
+
+
+def test_joints_can_be_welded(made):
+    _, robot = made(mjcf(), fixed=["*_roll"])
+    assert robot.num_joints == 8 and robot.abduction_joints == ()
+    assert check_robot(robot, poses=3).failures() == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (("<freejoint/>", '<joint type="slide" name="rail"/>'), "moves on joint 'rail'"),
+        (('name="FL_roll"', 'name="FL_roll" type="slide"'), "'FL_roll' is a slide"),
+        (("<mujoco>", "<mujoco><mujoco"), "cannot be read"),
+    ],
+)
+def test_what_cannot_be_a_robot_is_refused_and_leaves_nothing(made, tmp_path, change, problem):
+    with pytest.raises(RobotError, match=problem) as caught:
+        made(mjcf().replace(*change))
+    assert "\n" not in str(caught.value)
+    assert not list((tmp_path / "robots").iterdir())
+
+
+def test_a_robot_that_is_there_is_kept(made):
+    made(mjcf())
+    with pytest.raises(RobotError, match="is there already"):
+        made(mjcf())
