@@ -168,7 +168,7 @@ def _joint_parent(model: mujoco.MjModel, body: int) -> int:
 
 
 def _path(model: mujoco.MjModel, body: int) -> list[int]:
-    joints = []
+    joints: list[int] = []
     while model.body_parentid[body] != 0:
         if model.body_jntnum[body]:
             joints.insert(0, int(model.body_jntadr[body]))

@@ -106,7 +106,7 @@ class _Writer:
                 mujoco.mju_axisAngle2Quat(turn, m.jnt_axis[joint], angle)
                 mujoco.mju_mulQuat(quat, quat.copy(), turn)
         name = m.body(body).name
-        element = SubElement(parent, "body", name=name, pos=numbers(pos), **_quat(quat))
+        element = SubElement(parent, "body", {"name": name, "pos": numbers(pos), **_quat(quat)})
         self.canonical.bodies[name] = element
         self._inertial(body, element, shift)
         if floats:
@@ -188,7 +188,7 @@ class _Writer:
         material = int(m.geom_matid[geom])
         colour = m.mat_rgba[material] if material >= 0 else m.geom_rgba[geom]
         said |= {"density": "0", "rgba": numbers(np.round(colour.astype(float), 6))}
-        SubElement(element, "geom", said, pos=numbers(pos - shift), **_quat(quat))
+        SubElement(element, "geom", said | {"pos": numbers(pos - shift)} | _quat(quat))
 
     def _mesh(self, mesh: int) -> str:
         """The name of a mesh; its file is noted to be copied."""
@@ -201,7 +201,7 @@ class _Writer:
         self.canonical.meshes[file] = path
         self.files[mesh] = name
         scale = {} if (m.mesh_scale[mesh] == 1.0).all() else {"scale": numbers(m.mesh_scale[mesh])}
-        SubElement(self.assets, "mesh", name=name, file=file, **scale)
+        SubElement(self.assets, "mesh", {"name": name, "file": file, **scale})
         return name
 
 
