@@ -91,7 +91,8 @@ def _kinematics(
     pinocchio.framesForwardKinematics(pin_model, pin_data, q)
     position = rotation = 0.0
     for body in range(1, model.nbody):
-        placement = pin_data.oMf[pin_model.getFrameId(model.body(body).name)]
+        frame = pin_model.getFrameId(model.body(body).name, pinocchio.FrameType.BODY)
+        placement = pin_data.oMf[frame]
         position = max(position, np.abs(placement.translation - data.xpos[body]).max())
         rotation = max(rotation, np.abs(placement.rotation.ravel() - data.xmat[body]).max())
     return position, rotation

@@ -40,6 +40,11 @@ def test_the_engines_agree_to_machine_precision(robot):
     assert report.model_hash == robot.model_hash()
 
 
+def test_a_body_may_have_the_name_of_a_joint(solo12):
+    files = {name: text.replace("_FOOT", "_KFE") for name, text in solo12.files().items()}
+    assert failed(robot_from_files(files)) == []
+
+
 def test_a_body_whose_mass_is_guessed_from_its_shape_is_found(edited):
     massless = ('<geom density="0"', '<geom mass="0"')
     assert failed(edited(massless)) == []  # every body of Solo12 has its inertial

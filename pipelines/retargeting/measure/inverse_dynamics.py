@@ -39,7 +39,8 @@ def inverse_dynamics(spec: RobotSpec, clip: Clip, contacts: np.ndarray) -> Effor
     positions = _configurations(clip)
     velocities, accelerations = _derivatives(model, positions, clip.fps)
     bodies, offsets = spec.located(spec.foot_points)
-    data, feet = model.createData(), [model.getFrameId(body) for body in bodies]
+    data = model.createData()
+    feet = [model.getFrameId(body, pin.FrameType.BODY) for body in bodies]
     below = pin.skew(np.array([0.0, 0.0, -spec.foot_radius()]))
     needed = np.empty((clip.frames, model.nv))
     reach = np.empty((clip.frames, len(feet), 3, model.nv))

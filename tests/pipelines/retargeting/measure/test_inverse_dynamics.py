@@ -4,6 +4,7 @@ import pytest
 from lacoloco.datasets import rotations
 from lacoloco.datasets.clip import Clip
 from lacoloco.pipelines.retargeting.measure.inverse_dynamics import inverse_dynamics
+from lacoloco.robots.loading import robot_from_files
 from lacoloco.robots.registry import load_robot
 
 SPEC = load_robot("solo12")
@@ -46,7 +47,8 @@ def test_torques_hold_against_the_forces_by_virtual_work():
     def energy(q):
         potential = pin.computePotentialEnergy(model, data, q)
         pin.framesForwardKinematics(model, data, q)
-        spots = [data.oMf[model.getFrameId(foot)].translation.copy() for foot in SPEC.feet]
+        feet = [model.getFrameId(foot, pin.FrameType.BODY) for foot in SPEC.feet]
+        spots = [data.oMf[foot].translation.copy() for foot in feet]
         return potential, np.array(spots)
 
     (before, spots), (after, moved) = energy(q), energy(pin.integrate(model, q, step))
@@ -55,6 +57,14 @@ def test_torques_hold_against_the_forces_by_virtual_work():
     moved[0] += np.cross(turn, [0, 0, -SPEC.foot_radius()])
     work = (efforts.forces[0] * (moved - spots)).sum()
     assert efforts.torques[0, knee] == pytest.approx((after - before - work) / small, abs=1e-3)
+
+
+def test_a_foot_may_have_the_name_of_a_joint():
+    files = {name: text.replace("_FOOT", "_KFE") for name, text in SPEC.files().items()}
+    renamed = robot_from_files(files)
+    assert renamed.feet == tuple(f"{leg}_KFE" for leg in ("FL", "FR", "HL", "HR"))
+    here, there = (inverse_dynamics(spec, clip(), standing()) for spec in (SPEC, renamed))
+    np.testing.assert_array_equal(here.torques, there.torques)
 
 
 def test_in_free_fall_nothing_is_missing():
