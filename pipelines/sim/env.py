@@ -16,7 +16,7 @@ import torch
 from lacoloco.pipelines.masking import pick, put, select
 from lacoloco.pipelines.sim import state as layouts
 from lacoloco.pipelines.sim.commands import uniform
-from lacoloco.pipelines.sim.constraints import CONSTRAINTS
+from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Limit
 from lacoloco.pipelines.sim.contact_timer import FootTimer
 from lacoloco.pipelines.sim.disturbances.sensors import make_sensors
 from lacoloco.pipelines.sim.engines import make_physics
@@ -75,6 +75,12 @@ class LeggedEnv:
         self._falls = slice(
             0, len(self.physics.monitored) if task.fall_on_undesired else len(spec.fall_bodies)
         )
+        self._limits: dict[str, Limit] = {
+            c.name: c.limit
+            if isinstance(c.limit, float)
+            else torch.tensor(c.limit, device=self.device)
+            for c in task.constraints
+        }
         self._noise = layouts.noise_scale(self._own_terms()).to(self.device)
         # What a trainer may give each world for itself; the same everywhere until then.
         self.noise = torch.full((num_worlds, 1), task.noise, device=self.device)
@@ -148,7 +154,7 @@ class LeggedEnv:
             fell |= self.state.root_pos[:, 2] < self.task.fall_height
         reward = self._reward()
         violations = {
-            c.name: CONSTRAINTS[c.name].function(self, c.limit) for c in self.task.constraints
+            name: CONSTRAINTS[name].function(self, limit) for name, limit in self._limits.items()
         }
         # A broken world may report any force, and the constraints' running scales over all worlds
         # would keep it.

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from lacoloco.pipelines.sim.commands import COMMANDS, Command, TargetCommand
-from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Constraint
+from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Constraint, own_limit
 from lacoloco.pipelines.sim.disturbances.config import UNDISTURBED, Disturbances
 from lacoloco.pipelines.sim.gait.clock import MEMORY
 from lacoloco.pipelines.sim.physics import CONTROL_DT
@@ -136,7 +136,7 @@ class Task:
 
 @dataclass(frozen=True)
 class _ConstraintRow:
-    """One row of ``constraints``; without a limit, ``foot_force`` has the robot's."""
+    """One row of ``constraints``; without a limit, the robot's own holds."""
 
     name: str
     max_p: Share
@@ -283,11 +283,9 @@ def _constraint(
     if row.name not in CONSTRAINTS:
         (place / "name").fail(f"{row.name!r} is no constraint; {nearest(row.name, CONSTRAINTS)}")
     _require_command(row.name, CONSTRAINTS[row.name].commands, table, place)
-    limit = row.limit
+    limit = own_limit(spec, row.name) if row.limit is None else row.limit
     if limit is None:
-        if row.name != "foot_force":
-            (place / "limit").fail("missing; expected a number")
-        limit = spec.foot_force_limit()
+        (place / "limit").fail("missing; expected a number")
     return Constraint(row.name, limit, row.max_p)
 
 

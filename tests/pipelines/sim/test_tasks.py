@@ -1,6 +1,7 @@
 """Tasks are data: every mistake in a table is one line that names file and key."""
 
 import re
+from dataclasses import replace
 
 import pytest
 import torch
@@ -47,6 +48,18 @@ def test_every_robot_brings_the_papers_tasks(robot):
 def test_forces_are_limited_by_the_robots_weight_where_no_limit_is_said(solo12):
     (constraint,) = imitate_task(solo12, constrained=True).constraints
     assert constraint.limit == solo12.foot_force_limit()
+
+
+def test_every_motor_has_its_own_limits_where_no_limit_is_said(solo12, write):
+    effort, speed = '"foot_force"', '"torque", max_p = 0.1 }, { name = "joint_velocity"'
+    task = load_task_file(solo12, write(HEADING.replace(effort, speed)))
+    uneven = replace(solo12, velocity_limits=tuple(range(1, 13)))
+    assert [c.limit for c in task.constraints] == [(3.0,) * 12, solo12.velocity_limits]
+    task = load_task_file(uneven, write(HEADING.replace(effort, speed)))
+    env = LeggedEnv(solo12, task, 2, seed=0)
+    violated = env.step(torch.zeros(2, 12)).violations["joint_velocity"]
+    expected = env.state.joint_vel.abs() - torch.arange(1.0, 13.0)
+    assert torch.allclose(violated, expected)
 
 
 def test_a_task_of_ones_own_runs_without_touching_the_package(solo12, write):
@@ -114,7 +127,7 @@ def test_a_base_below_the_height_of_the_task_has_fallen(solo12, write):
         ("episode_s = 4.0", "fall_height = 220", "fall_height: expected a length in metres, abo"),
         ("episode_s = 4.0", "reset = { heading = 180 }", "reset.heading: expected an angle in ra"),
         ('"foot_force"', '"foot_fors"', "constraints[0].name: 'foot_fors' is no constraint; did"),
-        ('"foot_force"', '"torque"', "constraints[0].limit: missing; expected a number"),
+        ('"foot_force"', '"action_rate"', "constraints[0].limit: missing; expected a number"),
         ('"foot_force"', '"air_time", limit = 1.0', "constraints[0].name: 'air_time' needs a com"),
         ("max_p = 0.1", "max_p = 2", "constraints[0].max_p: expected a number between 0 and 1"),
         ("episode_s = 4.0", "episode = 4.0", "episode: unknown key; did you mean 'episode_s'?"),
