@@ -49,18 +49,23 @@ class Gains:
 
 
 def propose_gains(
-    model: mujoco.MjModel, legs: list[Leg], angles: np.ndarray, efforts: np.ndarray
+    model: mujoco.MjModel,
+    legs: list[Leg],
+    angles: np.ndarray,
+    efforts: np.ndarray,
+    firmness: float = 1.0,
 ) -> Gains:
     """Gains for a pose.
 
-    Stiffness: all the torque at one radian, or what keeps the sagging under the robot's own weight
-    small. Damping: what the joint lacks of seven tenths of the critical one, base held.
+    Stiffness: all the torque at one radian, or what keeps the deflection under the robot's own
+    weight small. Damping: what the joint lacks of seven tenths of the critical one, base held.
 
     Args:
         model: The bare robot.
         legs: Its legs.
         angles: (J,) standing pose, rad.
         efforts: (J,) torque limits, N.m; 0: unknown.
+        firmness: Factor on the stiffness of the legs, see :mod:`.firmness`.
     """
     import mujoco
 
@@ -73,6 +78,7 @@ def propose_gains(
     unknown = inertia * (2.0 * np.pi * FREQUENCY) ** 2
     stiffness = np.where(efforts > 0.0, efforts / FULL_TORQUE, unknown)
     stiffness = np.maximum(stiffness, load / SAG)
+    stiffness[[joint - 1 for leg in legs for joint in leg.limb.joints]] *= firmness
     critical = 2.0 * np.sqrt(stiffness * inertia)
     own = model.dof_damping.reshape(model.nv, -1)[6:, 0]
     damping = np.maximum(DAMPING_RATIO * critical - own, LEAST_DAMPING * critical)

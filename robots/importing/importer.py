@@ -18,6 +18,7 @@ from lacoloco.robots import mjcf
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.importing.actuators import read_efforts, unpowered
 from lacoloco.robots.importing.feet import give_feet_bodies
+from lacoloco.robots.importing.firmness import stand_firmly
 from lacoloco.robots.importing.gains import propose_gains
 from lacoloco.robots.importing.kinematics import find_legs, find_limbs, pose_data
 from lacoloco.robots.importing.posture import keyframe_angles, standing_angles, untouching
@@ -108,7 +109,10 @@ def _fill(folder: Path, source: Source, name: str, fixed: Sequence[str]) -> list
     notes += untouching(canonical, model, feet)
     text = canonical.text()
     file.write_text(text)
-    toml, questions = write_toml(facts, mjcf.bare_model(text, file), name)
+    final = mjcf.bare_model(text, file)
+    facts, stance = stand_firmly(facts, final, text, name)
+    notes.append(stance.said)
+    toml, questions = write_toml(facts, final, name)
     (folder / TOML).write_text(toml)
     if not any((folder / MESHES).iterdir()):
         (folder / MESHES).rmdir()

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 READ_BY_MUJOCO = (".obj", ".stl", ".msh")
 PRIMITIVES = ("SPHERE", "CAPSULE", "CYLINDER", "BOX")
+THIN = 1e-3
+"""m; a mesh that is thinner is made so thick before a primitive is fitted to it."""
 
 
 def as_obj(file: Path, folder: Path) -> Path | None:
@@ -64,6 +66,24 @@ def leave_out_unread(spec: mujoco.MjSpec, folder: Path, notes: list[str]) -> Non
             spec.delete(mesh)
 
 
+def weigh_nothing(spec: mujoco.MjSpec) -> None:
+    """Let MuJoCo take meshes that are open or flat where nothing is weighed by them.
+
+    It refuses a mesh without volume unless it is taken for a shell.
+    """
+    import mujoco
+
+    weighing = {
+        geom.meshname
+        for body in spec.bodies
+        for geom in body.geoms
+        if not body.explicitinertial and geom.density != 0.0 and geom.mass != 0.0
+    }
+    for mesh in spec.meshes:
+        if (mesh.name or Path(mesh.file).stem) not in weighing:
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+
+
 def fit_colliders(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Replace every mesh that collides by the primitive that MuJoCo fits to it best.
 
@@ -74,6 +94,7 @@ def fit_colliders(spec: mujoco.MjSpec, notes: list[str]) -> None:
 
     spec.compiler.fitaabb = True  # as large as the mesh: a foot has to reach as far down
     fitted: dict[str, str] = {}
+    solid: dict[str, str] = {}
     for body in spec.bodies:
         for geom in list(body.geoms):
             if geom.type != mujoco.mjtGeom.mjGEOM_MESH or not (geom.contype or geom.conaffinity):
@@ -91,9 +112,11 @@ def fit_colliders(spec: mujoco.MjSpec, notes: list[str]) -> None:
                     density=0,
                 )
             if geom.meshname not in fitted:
-                fitted[geom.meshname] = best_primitive(spec, geom.meshname)
+                solid[geom.meshname] = _solid(spec, geom.meshname)
+                fitted[geom.meshname] = best_primitive(spec, solid[geom.meshname])
             kind = fitted[geom.meshname]
             geom.type = getattr(mujoco.mjtGeom, f"mjGEOM_{kind}")
+            geom.meshname = solid[geom.meshname]
     if fitted:
         shapes = ", ".join(f"{mesh} ({kind.lower()})" for mesh, kind in fitted.items())
         notes.append(f"meshes that collide, replaced by primitives: {shapes}")
@@ -104,19 +127,49 @@ def best_primitive(spec: mujoco.MjSpec, mesh: str) -> str:
     those of a mesh's hull.
     """
     hull = _measure(spec, mesh, "MESH")
-    distances = {}
-    for kind in PRIMITIVES:
-        try:
-            distances[kind] = float(np.abs(np.log(_measure(spec, mesh, kind) / hull)).sum())
-        except ValueError:  # a flat mesh has no capsule
-            continue
-    return min(distances, key=lambda kind: distances[kind])
+    return min(
+        PRIMITIVES, key=lambda kind: float(np.abs(np.log(_measure(spec, mesh, kind) / hull)).sum())
+    )
+
+
+def _solid(spec: mujoco.MjSpec, mesh: str) -> str:
+    """The mesh, or a new one that is ``THIN`` where this one has no thickness at all."""
+    import mujoco
+
+    trial = _trial(spec, mesh, mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    body = trial.worldbody.add_body(name="body", mass=1.0, inertia=[1.0, 1.0, 1.0])
+    sphere = mujoco.mjtGeom.mjGEOM_SPHERE  # a mesh that collides would need a hull
+    body.add_geom(type=sphere, meshname=mesh)
+    model = trial.compile()
+    turned = np.zeros(9)
+    mujoco.mju_quat2Mat(turned, model.mesh_quat[0])
+    vertices = model.mesh_pos[0] + model.mesh_vert @ turned.reshape(3, 3).T
+    axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2]
+    thin = [axis for axis in axes if np.ptp(vertices @ axis) < THIN]
+    if not thin:
+        return mesh
+    for axis in thin:
+        vertices = np.concatenate([vertices - 0.5 * THIN * axis, vertices + 0.5 * THIN * axis])
+    spec.add_mesh(name=f"{mesh}_solid", uservert=vertices.ravel())
+    return f"{mesh}_solid"
 
 
 def _measure(spec: mujoco.MjSpec, mesh: str, kind: str) -> np.ndarray:
     """(4,) volume [m3] and principal moments of inertia at density 1 [m5] of a shape that MuJoCo
     fits to a mesh, or of its hull.
     """
+    import mujoco
+
+    trial = _trial(spec, mesh, mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+    body = trial.worldbody.add_body(name="body")
+    # the density of water, and not 1: MuJoCo refuses bodies lighter than some micrograms
+    body.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind}"), meshname=mesh, density=1000.0)
+    model = trial.compile()
+    return np.concatenate([model.body_mass[1:], np.sort(model.body_inertia[1])]) / 1000.0
+
+
+def _trial(spec: mujoco.MjSpec, mesh: str, inertia: mujoco.mjtMeshInertia) -> mujoco.MjSpec:
+    """A new spec with nothing but that mesh."""
     import mujoco
 
     trial = mujoco.MjSpec()
@@ -127,10 +180,10 @@ def _measure(spec: mujoco.MjSpec, mesh: str, kind: str) -> np.ndarray:
         name=mesh,
         file=original.file,
         scale=original.scale,
-        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
+        uservert=original.uservert,
+        userface=original.userface,
+        refpos=original.refpos,
+        refquat=original.refquat,
+        inertia=inertia,
     )
-    body = trial.worldbody.add_body(name="body")
-    # the density of water, and not 1: MuJoCo refuses bodies lighter than some micrograms
-    body.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind}"), meshname=mesh, density=1000.0)
-    model = trial.compile()
-    return np.concatenate([model.body_mass[1:], np.sort(model.body_inertia[1])]) / 1000.0
+    return trial

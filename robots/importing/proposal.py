@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import mujoco
 
 TRAINING_EFFORT = 1.5
-"""Torque limit of training in those of the strongest motor: who trains learns from its excess."""
+"""Torque limit of training in those of the motor: who trains learns from its excess."""
 MOCAP = {"FL": ("LeftHand", "LeftShoulder"), "FR": ("RightHand", "RightShoulder")}
 MOCAP |= {"HL": ("LeftFoot", "LeftUpLeg"), "HR": ("RightFoot", "RightUpLeg")}
 """Corner of a quadruped -> joints of the dog skeleton at its foot and at its hip."""
@@ -89,15 +89,12 @@ def write_toml(facts: Facts, final: mujoco.MjModel, name: str) -> tuple[str, lis
     end, offset, reach = _end_effector(facts)
     speeds = _speeds(facts, float(np.sqrt(height / gravity)))
     point = _point(final, facts.angles, end, offset) + (0.0, 0.0, height)
-    effort = facts.efforts if (facts.efforts > 0.0).any() else facts.gains.stiffness
     size = Size(
         height=height,
         weight=float(final.body_mass.sum()) * gravity,
         gravity=gravity,
         foot=point,
         reach=reach,
-        torque=float(effort.max()),
-        speed=float(speeds.max()),
     )
     low, high = _joint_scale(facts, biped)
     position, velocity = clip_gains(facts.gains, final.dof_damping.reshape(final.nv, -1)[6:, 0])
@@ -163,17 +160,14 @@ def _questions(facts: Facts, name: str, speeds: np.ndarray, end: str) -> list[Qu
 
 
 def _joint_rows(facts: Facts, speeds: np.ndarray) -> list[str]:
-    strongest = float(facts.efforts.max())
     rows = []
     for j in range(facts.model.njnt - 1):
         joint, effort = facts.model.joint(j + 1).name, float(facts.efforts[j])
-        # The limit on torque of the tasks is that of the strongest motor; weaker ones are clipped.
-        training = TRAINING_EFFORT * effort if effort >= strongest else effort
         row = {
             "default": float(facts.angles[j]),
             "stiffness": float(facts.gains.stiffness[j]),
             "damping": float(facts.gains.damping[j]),
-            "training_effort": training,
+            "training_effort": TRAINING_EFFORT * effort,
             "speed": float(speeds[j]),
         }
         said = ", ".join(f"{key} = {value + 0.0:.10g}" for key, value in row.items())

@@ -24,8 +24,6 @@ class Size:
         gravity: m/s2.
         foot: (3,) the end effector in standing, relative to the floor under the base, m.
         reach: Length of its limb stretched out, m.
-        torque: Limit of the strongest motor, N.m.
-        speed: Speed limit of the fastest motor, rad/s.
     """
 
     height: float
@@ -33,8 +31,6 @@ class Size:
     gravity: float
     foot: np.ndarray
     reach: float
-    torque: float
-    speed: float
 
     @property
     def pace(self) -> float:
@@ -72,8 +68,6 @@ def common_numbers(size: Size) -> Numbers:
         "farthest": 6.35 * h,
         "joint_acceleration": 25.0 / second**2,
         "air_time": 1.1 * second,
-        "torque": size.torque,
-        "speed": size.speed,
         "narrow_variance": 0.0065 * pace**2,
         "variance": 0.081 * pace**2,
     }

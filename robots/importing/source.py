@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.importing import urdf
-from lacoloco.robots.importing.meshes import fit_colliders, leave_out_unread
+from lacoloco.robots.importing.meshes import fit_colliders, leave_out_unread, weigh_nothing
 
 if TYPE_CHECKING:
     import mujoco
@@ -65,6 +65,7 @@ def read_source(file: Path, converted: Path) -> Source:
     except (OSError, ValueError, ElementTree.ParseError) as error:
         raise RobotError(f"{file}: cannot be read: {_line(error)}") from error
     leave_out_unread(spec, file.parent, notes)
+    weigh_nothing(spec)
     base = _base(spec, file)
     touching = _touch_each_other(spec)
     fit_colliders(spec, notes)

@@ -201,7 +201,8 @@ class _Writer:
         self.canonical.meshes[file] = path
         self.files[mesh] = name
         scale = {} if (m.mesh_scale[mesh] == 1.0).all() else {"scale": numbers(m.mesh_scale[mesh])}
-        SubElement(self.assets, "mesh", {"name": name, "file": file, **scale})
+        # looked at only: a shell may be open or flat
+        SubElement(self.assets, "mesh", {"name": name, "file": file, **scale, "inertia": "shell"})
         return name
 
 

@@ -7,6 +7,7 @@ from lacoloco.robots.check import check_robot
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.importing.importer import import_robot
 from lacoloco.robots.registry import load_robot
+from lacoloco.robots.stance import stand
 
 LEG = """
 <body name="{n}_hip" pos="{x} {y} 0">
@@ -76,13 +77,39 @@ def test_a_published_quadruped_passes_the_check(made):
     assert robot.keypoints["LeftFoot"] == "RL_calf_foot"
     assert robot.total_mass() == pytest.approx(10.8)
     assert list(robot.effort_limits()) == [20.0] * 12
-    assert robot.stiffness == (20.0,) * 12
+    assert robot.training_effort_limits == (30.0,) * 12
     # 0.85 of a leg of 0.4 m, and the radius of the foot
     assert robot.default_height() == pytest.approx(0.85 * 0.4 + 0.02, abs=1e-3)
     assert {q.key for q in imported.questions} == {
         "robot.toml: joints: speed",
         "robot.toml: joints: default",
     }
+
+
+def test_legs_are_as_stiff_as_standing_firmly_takes(made):
+    imported, robot = made(mjcf().replace('mass="6"', 'mass="36"'))
+    assert min(robot.stiffness) > 20.0  # all of the torque at a radian
+    stance = stand(robot)
+    assert (stance.seconds, stance.fell) == (pytest.approx(10.0, abs=0.05), "")
+    assert 0.0 < stance.sag <= 0.05
+    assert stance.said in imported.notes
+
+
+def test_a_flat_mesh_that_collides_becomes_a_thin_box(made, tmp_path):
+    corners = [(-0.1, -0.05), (0.1, -0.05), (0.1, 0.05), (-0.1, 0.05)]
+    obj = [*(f"v {x} {y} 0" for x, y in corners), "f 1 2 3", "f 1 3 4"]
+    (tmp_path / "plate.obj").write_text("\n".join(obj))
+    text = mjcf().replace(
+        '<geom type="box"', '<geom type="mesh" mesh="plate" pos="0 0 0.08"/><geom type="box"'
+    )
+    asset = '<asset><mesh name="plate" file="plate.obj" inertia="shell"/></asset><worldbody>'
+    imported, robot = made(text.replace("<worldbody>", asset))
+    assert "plate (box)" in " ".join(imported.notes)
+    model = robot.model()
+    (plate,) = [g for g in range(model.ngeom) if model.geom(g).name == "trunk_0"]
+    assert sorted(model.geom_size[plate]) == pytest.approx([0.0005, 0.05, 0.1], abs=1e-6)
+    assert model.geom_pos[plate] == pytest.approx([0.0, 0.0, 0.08], abs=1e-6)
+    assert check_robot(robot, poses=3).failures() == ()
 
 
 def test_the_pose_of_a_keyframe_is_taken(made):
@@ -124,7 +151,7 @@ def test_what_cannot_be_a_robot_is_refused_and_leaves_nothing(made, tmp_path, ch
     assert not list((tmp_path / "robots").iterdir())
 
 
-def test_a_robot_that_is_there_is_kept(made):
-    made(mjcf())
+def test_a_robot_that_is_there_is_kept(made, tmp_path):
+    (tmp_path / "robots" / "rover").mkdir(parents=True)
     with pytest.raises(RobotError, match="is there already"):
         made(mjcf())
