@@ -127,9 +127,13 @@ def best_primitive(spec: mujoco.MjSpec, mesh: str) -> str:
     those of a mesh's hull.
     """
     hull = _measure(spec, mesh, "MESH")
-    return min(
-        PRIMITIVES, key=lambda kind: float(np.abs(np.log(_measure(spec, mesh, kind) / hull)).sum())
-    )
+    distances = {}
+    for kind in PRIMITIVES:
+        try:
+            distances[kind] = float(np.abs(np.log(_measure(spec, mesh, kind) / hull)).sum())
+        except ValueError:  # a capsule without length, where the mesh is as wide as it is long
+            continue
+    return min(distances, key=lambda kind: distances[kind])
 
 
 def _solid(spec: mujoco.MjSpec, mesh: str) -> str:

@@ -1,11 +1,13 @@
 """A small quadruped of our own, written as people publish theirs, becomes a robot."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from lacoloco.robots.check import check_robot
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.importing.importer import import_robot
+from lacoloco.robots.importing.meshes import best_primitive
 from lacoloco.robots.registry import load_robot
 from lacoloco.robots.stance import stand
 
@@ -110,6 +112,15 @@ def test_a_flat_mesh_that_collides_becomes_a_thin_box(made, tmp_path):
     assert sorted(model.geom_size[plate]) == pytest.approx([0.0005, 0.05, 0.1], abs=1e-6)
     assert model.geom_pos[plate] == pytest.approx([0.0, 0.0, 0.08], abs=1e-6)
     assert check_robot(robot, poses=3).failures() == ()
+
+
+def test_a_mesh_as_wide_as_long_becomes_a_primitive():
+    """A capsule that is fitted to an octahedron has no length."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    spec = mujoco.MjSpec()
+    spec.compiler.fitaabb = True
+    spec.add_mesh(name="round", uservert=corners.ravel())
+    assert best_primitive(spec, "round") == "SPHERE"
 
 
 def test_the_pose_of_a_keyframe_is_taken(made):
