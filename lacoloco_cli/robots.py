@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,10 +12,12 @@ from lacoloco_cli import console
 from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, verb
+from lacoloco_cli.written_files import check_output
 
 if TYPE_CHECKING:
     from lacoloco.robots.check import CheckReport
     from lacoloco.robots.spec import RobotSpec
+    from lacoloco.robots.stance import Stance
 
 app = typer.Typer(no_args_is_help=True, help="List, show, check and import robots.")
 
@@ -101,18 +103,32 @@ def show_robot(session: Session, name: Name = None, robot: RobotOption = None) -
 
 
 @verb(app, "check", shared=READING)
-def check_robots(session: Session, name: OptionalName = None, robot: RobotOption = None) -> None:
-    """Check the numbers and tasks of robots, and that MuJoCo and Pinocchio agree on them."""
+def check_robots(
+    session: Session,
+    name: OptionalName = None,
+    robot: RobotOption = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            "--figure",
+            metavar="FILE.png",
+            help="Draw one robot after it stood for 10 s: its looks, and the shapes that touch.",
+        ),
+    ] = None,
+) -> None:
+    """Check numbers and tasks of robots, how they stand, and that both engines agree on them."""
     from lacoloco.pipelines.sim.robot_tasks import check_tasks
-    from lacoloco.robots.check import check_robot
     from lacoloco.robots.registry import load_robot, robot_names
 
     wanted = _wanted(name, robot)
+    if figure is not None and wanted is None:
+        raise UserError("--figure draws one robot; name it")
+    place = None if figure is None else _figure_place(session, figure)
     names = robot_names() if wanted is None else (wanted,)
     specs = [load_robot(one) for one in names]
     for spec in specs:
         check_tasks(spec)
-    reports = [check_robot(spec) for spec in specs]
+    reports = [_checked(spec) for spec in specs]
     failures = [check for report in reports for check in report.failures()]
 
     def show() -> None:
@@ -126,6 +142,10 @@ def check_robots(session: Session, name: OptionalName = None, robot: RobotOption
         error = failures[0].problem + others
         answer |= {"error": error, "exit_code": USER_MISTAKE}
         console.note(f"error: {error}")
+    if place is not None:
+        _draw(specs[0], reports[0], place)
+        answer["figure"] = str(figure)
+        console.note(f"drawn: {figure}")
     session.answer(answer, show)
     if failures:
         raise typer.Exit(USER_MISTAKE)
@@ -169,6 +189,41 @@ def import_one(
         typer.echo(f"made {imported.folder}; next: lacoloco robots check {wanted}")
 
     session.answer(answer, show)
+
+
+def _checked(spec: RobotSpec) -> CheckReport:
+    """The report on a robot's numbers and, where these are right, on a moment of every task."""
+    from lacoloco.pipelines.sim.robot_trial import trial_checks
+    from lacoloco.robots.check import check_robot
+
+    report = check_robot(spec)
+    if not report.passed:
+        return report
+    return replace(report, checks=(*report.checks, *trial_checks(spec)))
+
+
+def _figure_place(session: Session, figure: Path) -> Path:
+    """Where the picture goes, before any work.
+
+    Raises:
+        UserError: Another kind of file, a place that cannot be taken, or no OpenGL here.
+    """
+    from lacoloco.pipelines.viewing.opengl import check_gl
+
+    if figure.suffix.lower() != ".png":
+        raise UserError(f"--figure {figure}: robots are drawn as .png; name such a file")
+    place = check_output("--figure", figure, "png", session.store.root)
+    check_gl()
+    return place
+
+
+def _draw(spec: RobotSpec, report: CheckReport, place: Path) -> None:
+    """Draw a robot as it stood at the end, or in its default pose where it was not tried."""
+    from lacoloco.datasets.atomic_write import write_file
+    from lacoloco.pipelines.viewing.robot_picture import draw_robot
+
+    qpos = spec.default_qpos() if report.stance is None else report.stance.qpos
+    write_file(place, draw_robot(spec, qpos), replace=True)
 
 
 def _wanted(name: str | None, robot: str | None) -> str | None:
@@ -229,6 +284,7 @@ def _report(report: CheckReport) -> dict[str, Any]:
         "passed": report.passed,
         "total_mass": report.total_mass,
         "model_hash": report.model_hash,
+        "stance": None if report.stance is None else _stance(report.stance),
         "checks": [
             {
                 "name": check.name,
@@ -244,7 +300,13 @@ def _report(report: CheckReport) -> dict[str, Any]:
     }
 
 
+def _stance(stance: Stance) -> dict[str, Any]:
+    return {key: value for key, value in asdict(stance).items() if key != "qpos"}
+
+
 def _show_report(report: CheckReport) -> None:
     rows = [(check.name, check.value, check.limit, check.unit) for check in report.checks]
     title = f"{report.robot}: ok ({report.total_mass:.6f} kg)"
     console.print_table(["check", "value", "limit", "unit"], rows, title=title)
+    if report.stance is not None:
+        typer.echo(f"{report.robot} {report.stance.said}")

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from lacoloco.robots.agreement import Disagreement, compare_engines
-from lacoloco.robots.check_numbers import limit_checks, pose_checks
+from lacoloco.robots.check_numbers import limit_checks, pose_checks, stance_checks
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.finding import Check, sound
+from lacoloco.robots.stance import Stance, stand
 
 if TYPE_CHECKING:
     from lacoloco.robots.spec import RobotSpec
@@ -32,12 +33,21 @@ PER_JOINT = (
 
 @dataclass(frozen=True)
 class CheckReport:
-    """Every check of one robot."""
+    """Every check of one robot.
+
+    Attributes:
+        robot: Its name.
+        model_hash: Of its MJCF.
+        total_mass: kg.
+        checks: What was checked.
+        stance: How it stands under its gains; None where something else is wrong.
+    """
 
     robot: str
     model_hash: str
     total_mass: float
     checks: tuple[Check, ...]
+    stance: Stance | None = None
 
     @property
     def passed(self) -> bool:
@@ -69,11 +79,14 @@ def check_robot(spec: RobotSpec, *, poses: int = POSES, seed: int = 0) -> CheckR
     missing = [c for c in checks if not c.passed]
     if missing:
         raise RobotError(f"robot {spec.name!r}: {missing[0].name}: {missing[0].detail}")
-    checks += _engine_checks(spec, compare_engines(spec, poses=poses, seed=seed))
     checks += limit_checks(spec)
+    checks += _engine_checks(spec, compare_engines(spec, poses=poses, seed=seed))
+    stance = None
     if sound(checks):  # else how it stands only repeats what is wrong already
         checks += pose_checks(spec)
-    return CheckReport(spec.name, spec.model_hash(), spec.total_mass(), tuple(checks))
+        stance = stand(spec)
+        checks += stance_checks(spec, stance)
+    return CheckReport(spec.name, spec.model_hash(), spec.total_mass(), tuple(checks), stance)
 
 
 def _require_lengths(spec: RobotSpec) -> None:

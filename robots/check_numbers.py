@@ -12,6 +12,7 @@ from lacoloco.robots.finding import Check
 from lacoloco.robots.geometry import colliding_meshes
 from lacoloco.robots.loading import TOML
 from lacoloco.robots.scene import compile_scene
+from lacoloco.robots.stance import SECONDS, Stance
 
 if TYPE_CHECKING:
     from lacoloco.robots.spec import RobotSpec
@@ -74,6 +75,17 @@ def pose_checks(spec: RobotSpec) -> Iterator[Check]:
     idle = sorted(set(spec.feet) - touching)
     detail = f"expected bodies on the floor in the default pose; {', '.join(idle)} is in the air"
     yield Check("feet in the air in the default pose", len(idle), 0, "", feet, detail)
+
+
+def stance_checks(spec: RobotSpec, stance: Stance) -> Iterator[Check]:
+    """The motors can hold the robot up in its default pose.
+
+    A robot with a ``[gait]`` is excepted: on two small feet it has to step.
+    """
+    short = 0.0 if spec.gait is not None or not stance.fell else SECONDS - stance.seconds
+    detail = f"expected gains that hold the default pose for {SECONDS:.0f} s; it {stance.said}"
+    place = f"{spec.folder / TOML}: joints: stiffness"
+    yield Check("falls in the default pose, time left", max(short, 0.0), 0.0, "s", place, detail)
 
 
 def _model_checks(spec: RobotSpec) -> Iterator[Check]:

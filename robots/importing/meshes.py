@@ -154,7 +154,8 @@ def _solid(spec: mujoco.MjSpec, mesh: str) -> str:
         return mesh
     for axis in thin:
         vertices = np.concatenate([vertices - 0.5 * THIN * axis, vertices + 0.5 * THIN * axis])
-    spec.add_mesh(name=f"{mesh}_solid", uservert=vertices.ravel())
+    convex = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    spec.add_mesh(name=f"{mesh}_solid", uservert=vertices.ravel(), inertia=convex)
     return f"{mesh}_solid"
 
 
@@ -164,7 +165,9 @@ def _measure(spec: mujoco.MjSpec, mesh: str, kind: str) -> np.ndarray:
     """
     import mujoco
 
-    trial = _trial(spec, mesh, mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+    # a primitive is fitted in the frame of what the mesh is taken for
+    taken = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX if kind == "MESH" else None
+    trial = _trial(spec, mesh, taken)
     body = trial.worldbody.add_body(name="body")
     # the density of water, and not 1: MuJoCo refuses bodies lighter than some micrograms
     body.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{kind}"), meshname=mesh, density=1000.0)
@@ -172,8 +175,10 @@ def _measure(spec: mujoco.MjSpec, mesh: str, kind: str) -> np.ndarray:
     return np.concatenate([model.body_mass[1:], np.sort(model.body_inertia[1])]) / 1000.0
 
 
-def _trial(spec: mujoco.MjSpec, mesh: str, inertia: mujoco.mjtMeshInertia) -> mujoco.MjSpec:
-    """A new spec with nothing but that mesh."""
+def _trial(
+    spec: mujoco.MjSpec, mesh: str, inertia: mujoco.mjtMeshInertia | None = None
+) -> mujoco.MjSpec:
+    """A new spec with nothing but that mesh, taken for what it is there or for something else."""
     import mujoco
 
     trial = mujoco.MjSpec()
@@ -188,6 +193,6 @@ def _trial(spec: mujoco.MjSpec, mesh: str, inertia: mujoco.mjtMeshInertia) -> mu
         userface=original.userface,
         refpos=original.refpos,
         refquat=original.refquat,
-        inertia=inertia,
+        inertia=original.inertia if inertia is None else inertia,
     )
     return trial

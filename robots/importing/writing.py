@@ -181,14 +181,20 @@ class _Writer:
             said["size"] = numbers(m.geom_size[geom][: SIZES[said["type"]]])
         else:  # planes and height fields are no part of a robot
             return
-        if touches:
-            said["group"] = "3"
+        if touches:  # hidden where there is something better to look at
+            said["group"] = "3" if self._looks(int(m.geom_bodyid[geom])) else "2"
         else:
             said |= {"contype": "0", "conaffinity": "0", "group": "2"}
         material = int(m.geom_matid[geom])
         colour = m.mat_rgba[material] if material >= 0 else m.geom_rgba[geom]
         said |= {"density": "0", "rgba": numbers(np.round(colour.astype(float), 6))}
         SubElement(element, "geom", said | {"pos": numbers(pos - shift)} | _quat(quat))
+
+    def _looks(self, body: int) -> bool:
+        """Whether something of a body is only looked at."""
+        m, first = self.model, int(self.model.body_geomadr[body])
+        own = range(first, first + int(m.body_geomnum[body]))
+        return any(not (m.geom_contype[g] or m.geom_conaffinity[g]) for g in own)
 
     def _mesh(self, mesh: int) -> str:
         """The name of a mesh; its file is noted to be copied."""

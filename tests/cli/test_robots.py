@@ -54,6 +54,35 @@ def test_check_finds_both_robots_sound(call):
     assert "h1: ok" in call("check", "h1").stdout
 
 
+def test_check_draws_the_standing_robot(call, tmp_path, monkeypatch):
+    from lacoloco.pipelines.viewing import opengl, robot_picture
+
+    drawn = []
+    monkeypatch.setattr(opengl, "check_gl", lambda: None)
+    monkeypatch.setattr(
+        robot_picture, "draw_robot", lambda spec, qpos: drawn.append((spec.name, qpos)) or b"PNG"
+    )
+    file = tmp_path / "solo12.png"
+    report = json.loads(call("check", "solo12", "--figure", str(file), "--json").stdout)
+    assert (report["figure"], file.read_bytes()) == (str(file), b"PNG")
+    ((name, qpos),) = drawn
+    stance = report["robots"][0]["stance"]
+    assert (name, stance["fell"], "qpos" in stance) == ("solo12", "", False)
+    assert qpos[2] == pytest.approx(stance["height"] * (1.0 - stance["sag"]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--figure", "all.png"), "--figure draws one robot; name it"),
+        (("solo12", "--figure", "solo12.bmp"), "robots are drawn as .png; name such a file"),
+    ],
+)
+def test_a_figure_that_cannot_be_drawn_is_refused(call, arguments, words):
+    result = call("check", *arguments)
+    assert (result.exit_code, words in result.stderr) == (2, True)
+
+
 def test_check_of_a_faulty_robot_ends_with_exit_code_2(call, monkeypatch):
     from dataclasses import replace
 
