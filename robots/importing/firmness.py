@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FIRM = 0.05
 """Share of its height by which a robot may sag."""
-STEPS = (1.1, 1.6)
+STEPS = (1.1, 1.4)
 """Least and largest factor on the stiffness from one try to the next."""
 BRIEFLY = 2.0
 """s after which a robot that is too soft has sagged too far already."""

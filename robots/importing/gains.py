@@ -17,6 +17,8 @@ FULL_TORQUE = 1.0
 learning are between 0.7 and 1.5 (Solo12, A1, Go1, ANYmal, H1, G1)."""
 SAG = 0.2
 """Deflection under the robot's own weight that a joint may have, rad, where that asks for more."""
+STEADY = 2.0
+"""Stiffness in those with which what a joint carries would just tip over."""
 DAMPING_RATIO = 0.7
 """Of a leg that swings freely."""
 LEAST_DAMPING = 0.1
@@ -58,7 +60,8 @@ def propose_gains(
     """Gains for a pose.
 
     Stiffness: all the torque at one radian, or what keeps the deflection under the robot's own
-    weight small. Damping: what the joint lacks of seven tenths of the critical one, base held.
+    weight small, or twice what keeps upright what is above the joint. Damping: what the joint lacks
+    of seven tenths of the critical one, base held.
 
     Args:
         model: The bare robot.
@@ -78,6 +81,7 @@ def propose_gains(
     unknown = inertia * (2.0 * np.pi * FREQUENCY) ** 2
     stiffness = np.where(efforts > 0.0, efforts / FULL_TORQUE, unknown)
     stiffness = np.maximum(stiffness, load / SAG)
+    stiffness = np.maximum(stiffness, STEADY * _toppling(model, data, legs))
     stiffness[[joint - 1 for leg in legs for joint in leg.limb.joints]] *= firmness
     critical = 2.0 * np.sqrt(stiffness * inertia)
     own = model.dof_damping.reshape(model.nv, -1)[6:, 0]
@@ -124,6 +128,24 @@ def _load(model: mujoco.MjModel, data: mujoco.MjData, legs: list[Leg]) -> np.nda
         mujoco.mj_jac(model, data, linear, None, point, leg.limb.end)
         torque -= linear[2, 6:] * weight / len(legs)
     return torque
+
+
+def _toppling(model: mujoco.MjModel, data: mujoco.MjData, legs: list[Leg]) -> np.ndarray:
+    """(J,) stiffness below which what a joint carries tips over, N.m/rad: weight times height.
+
+    An arm or the torso carries what comes after it, a leg its share of the whole robot. Nothing
+    tips about an upright axis, nor what hangs.
+    """
+    gravity, whole = float(np.linalg.norm(model.opt.gravity)), float(model.body_mass.sum())
+    standing = {joint for leg in legs for joint in leg.limb.joints}
+    needed = np.zeros(model.njnt - 1)
+    for joint in range(1, model.njnt):
+        body = 1 if joint in standing else int(model.jnt_bodyid[joint])
+        mass = whole / len(legs) if joint in standing else float(model.body_subtreemass[body])
+        height = float(data.subtree_com[body, 2] - data.xanchor[joint, 2])
+        level = 1.0 - float(data.xaxis[joint, 2]) ** 2
+        needed[joint - 1] = level * mass * gravity * max(height, 0.0)
+    return needed
 
 
 def rounded(values: np.ndarray) -> np.ndarray:

@@ -17,6 +17,8 @@ BEND = 0.5
 """Angle from which the solution for a leg starts, rad."""
 LEVEL = 1e-5
 """Feet may differ in height by that much, m."""
+BALANCING = 4
+"""Times that two feet are moved to where the centre of mass is: it moves with the legs."""
 STEPS = 200
 DAMPING = 1e-4
 FLAT_FEET = 5
@@ -41,8 +43,19 @@ def solve_standing(model: mujoco.MjModel, legs: list[Leg]) -> np.ndarray:
     """(J,) legs bent under the hips, everything else at zero, rad.
 
     A leg of a quadruped bends so that its knee is behind hip and foot, one of a biped so that it
-    is ahead, if its ranges allow both.
+    is ahead, if its ranges allow both. Two feet stand under the centre of mass: else the robot
+    tips over however stiff it is.
     """
+    angles, ahead = _legs_under_hips(model, legs, 0.0), 0.0
+    for _ in range(BALANCING if len(legs) == 2 else 0):
+        data = pose_data(model, angles)
+        ahead += float(data.subtree_com[1, 0] - foot_points(model, data, legs)[:, 0].mean())
+        angles = _legs_under_hips(model, legs, ahead)
+    return angles
+
+
+def _legs_under_hips(model: mujoco.MjModel, legs: list[Leg], ahead: float) -> np.ndarray:
+    """The same, the feet so far ahead of the hips, m."""
     kind = "biped" if len(legs) == 2 else "quadruped"
     straight = pose_data(model, np.zeros(model.nq - 7))
     angles = neutral_angles(model)
@@ -50,13 +63,13 @@ def solve_standing(model: mujoco.MjModel, legs: list[Leg]) -> np.ndarray:
         length = _length(model, straight, leg)
         hip = straight.xanchor[leg.pitches[0]] if leg.pitches else leg.hip
         foot = foot_points(model, straight, [leg])[0]
-        target = np.array([hip[0], foot[1], hip[2] - STRETCHED[kind] * length])
+        target = np.array([hip[0] + ahead, foot[1], hip[2] - STRETCHED[kind] * length])
         flat = (
             straight.xmat[leg.limb.end].reshape(3, 3) if len(leg.limb.joints) >= FLAT_FEET else None
         )
         tries = [_solve_leg(model, angles, leg, target, flat, sign * BEND) for sign in (1.0, -1.0)]
-        ahead = 1.0 if kind == "biped" else -1.0
-        best = min(tries, key=lambda found: (round(found[1], 4), -ahead * found[2]))
+        forward = 1.0 if kind == "biped" else -1.0
+        best = min(tries, key=lambda found: (round(found[1], 4), -forward * found[2]))
         angles = best[0]
     return angles
 

@@ -1,9 +1,13 @@
 """A small quadruped of our own, written as people publish theirs, becomes a robot."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 
+from lacoloco.pipelines.sim.robot_tasks import check_tasks
+from lacoloco.pipelines.sim.robot_trial import trial_checks
 from lacoloco.robots.check import check_robot
 from lacoloco.robots.errors import RobotError
 from lacoloco.robots.importing.importer import import_robot
@@ -130,6 +134,98 @@ def test_the_pose_of_a_keyframe_is_taken(made):
     np.testing.assert_allclose(robot.default_joint_pos, [0.0, 0.9, -1.8] * 4)
     assert [q.key for q in imported.questions] == ["robot.toml: joints: speed"]
     assert check_robot(robot, poses=3).failures() == ()
+
+
+HUMAN_LEG = """
+<body name="{n}_thigh" pos="0 {y} 0">
+  <inertial pos="0 0 -0.2" mass="3" diaginertia="0.03 0.03 0.005"/>
+  <joint name="{n}_roll" axis="1 0 0" range="-0.5 0.5"/>
+  <body name="{n}_upper" pos="0 0 0">
+    <inertial pos="0 0 -0.2" mass="1" diaginertia="0.01 0.01 0.005"/>
+    <joint name="{n}_hip" axis="0 1 0" range="-2 2"/>
+    <geom type="capsule" size="0.05" fromto="0 0 -0.1 0 0 -0.3"/>
+    <body name="{n}_shank" pos="0 0 -0.4">
+      <inertial pos="0 0 -0.2" mass="2" diaginertia="0.03 0.03 0.003"/>
+      <joint name="{n}_knee" axis="0 1 0" range="0 2.2"/>
+      <geom type="capsule" size="0.04" fromto="0 0 -0.05 0 0 -0.3"/>
+      <body name="{n}_cross" pos="0 0 -0.4">
+        <inertial pos="0 0 0" mass="0.2" diaginertia="0.001 0.001 0.001"/>
+        <joint name="{n}_ankle" axis="0 1 0" range="-1 1"/>
+        <body name="{n}_sole" pos="0 0 0">
+          <inertial pos="0.03 0 -0.03" mass="0.5" diaginertia="0.001 0.002 0.002"/>
+          <joint name="{n}_ankle_roll" axis="1 0 0" range="-0.5 0.5"/>
+          <geom type="box" size="0.11 0.04 0.015" pos="0.03 0 -0.045"/>
+        </body>
+      </body>
+    </body>
+  </body>
+</body>"""
+ARM = """
+<body name="{n}_arm" pos="0 {y} 0.35">
+  <inertial pos="0.1 0 -0.2" mass="1.5" diaginertia="0.01 0.01 0.002"/>
+  <joint name="{n}_shoulder" axis="0 1 0" range="-2 2"/>
+  <geom type="capsule" size="0.03" fromto="0 0 -0.05 0 0 -0.2"/>
+  <body name="{n}_forearm" pos="0 0 -0.25">
+    <inertial pos="0.1 0 0" mass="0.8" diaginertia="0.002 0.005 0.005"/>
+    <joint name="{n}_elbow" axis="0 1 0" range="-2 1"/>
+    <body name="{n}_hand" pos="0.2 0 0">
+      <inertial pos="0.05 0 0" mass="0.4" diaginertia="0.001 0.001 0.001"/>
+      <joint name="{n}_wrist" axis="1 0 0" range="-1 1"/>
+      <geom type="sphere" size="0.04" pos="0.05 0 0"/>
+    </body>
+  </body>
+</body>"""
+
+
+def humanoid():
+    """A pelvis on two legs of six hinges, a torso on a waist, and two arms."""
+    sides = {"left": 1.0, "right": -1.0}
+    legs = "".join(HUMAN_LEG.format(n=name, y=0.1 * side) for name, side in sides.items())
+    arms = "".join(ARM.format(n=name, y=0.2 * side) for name, side in sides.items())
+    torso = f"""
+<body name="torso" pos="0 0 0.1"><joint name="waist" axis="0 1 0" range="-0.5 0.5"/>
+<inertial pos="0.02 0 0.25" mass="12" diaginertia="0.3 0.3 0.1"/>
+<geom type="box" size="0.08 0.1 0.2" pos="0 0 0.25"/>{arms}</body>"""
+    joints = ("roll", "hip", "knee", "ankle", "ankle_roll", "shoulder", "elbow", "wrist")
+    motors = "".join(
+        f'<motor joint="{name}_{joint}" ctrlrange="-60 60"/>' for name in sides for joint in joints
+    )
+    return f"""
+<mujoco><compiler angle="radian" autolimits="true"/><default><joint armature="0.02"/></default>
+<worldbody><body name="pelvis" pos="0 0 1"><freejoint/>
+<inertial pos="0 0 0" mass="5" diaginertia="0.05 0.05 0.05"/>
+<geom type="box" size="0.07 0.04 0.05"/>{legs}{torso}</body></worldbody>
+<actuator>{motors}<motor joint="waist" ctrlrange="-60 60"/></actuator></mujoco>"""
+
+
+def test_a_humanoid_stands_over_its_feet_and_passes_the_check(made):
+    imported, robot = made(humanoid())
+    assert check_robot(robot, poses=3).failures() == ()
+    assert robot.feet == ("left_sole", "right_sole")
+    assert robot.knee_frames == ("left_shank", "right_shank")
+    assert robot.end_effector.body == "right_hand"
+    assert robot.abduction_joints == ("left_roll", "right_roll")
+    assert robot.gait is not None
+    stance = stand(robot)
+    assert (stance.fell, stance.tilt < 0.2) == ("", True)
+    data = mujoco.MjData(robot.model())
+    data.qpos[:] = robot.default_qpos()
+    mujoco.mj_forward(robot.model(), data)
+    soles = [data.body(foot).xpos[0] + 0.03 for foot in robot.feet]
+    assert data.subtree_com[1, 0] == pytest.approx(np.mean(soles), abs=2e-3)
+    # twice the weight of torso and arms times the height of their centre over the waist
+    torso = robot.model().body("torso").id
+    weight = robot.model().body_subtreemass[torso] * 9.81
+    height = data.subtree_com[torso, 2] - data.body("torso").xpos[2]
+    waist = robot.stiffness[robot.joint_names.index("waist")]
+    assert waist == pytest.approx(max(60.0, 2.0 * weight * height), rel=0.01)
+
+
+def test_the_tasks_of_an_imported_humanoid_can_be_played(made):
+    _, robot = made(humanoid())
+    check_tasks(robot)
+    robot = replace(robot, tasks={name: robot.tasks[name] for name in ("walk", "reach_in_place")})
+    assert [check.problem for check in trial_checks(robot) if not check.passed] == []
 
 
 def test_what_a_file_does_not_say_is_asked_for_and_found_by_the_check(made):
