@@ -186,7 +186,8 @@ def import_one(
             columns = {"fill in": 40, "what": None, "until then": 24}
             console.print_wrapped(columns, rows)
         wanted = name if to is None else imported.folder
-        typer.echo(f"made {imported.folder}; next: lacoloco robots check {wanted}")
+        check = f"lacoloco robots check {wanted} --figure {name}.png"
+        typer.echo(f"made {imported.folder}; next: {check}")
 
     session.answer(answer, show)
 

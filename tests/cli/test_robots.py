@@ -105,6 +105,29 @@ def test_check_of_a_faulty_robot_ends_with_exit_code_2(call, monkeypatch):
     assert expected in shown.stderr
 
 
+def test_a_published_model_is_imported_and_what_it_lacks_is_asked_for(call, tmp_path):
+    from lacoloco.robots.registry import load_robot
+
+    published = load_robot("solo12").mjcf
+    arguments = ("import", str(published), "--name", "dog", "--to", str(tmp_path))
+    made = json.loads(call(*arguments, "--json").stdout)
+    assert made["folder"] == str(tmp_path / "dog")
+    assert load_robot(tmp_path / "dog").feet == load_robot("solo12").feet
+    asked = {question["key"]: question["what"] for question in made["questions"]}
+    assert set(asked) == {"robot.toml: joints: speed"}
+    assert "speed limit of the motor, rad/s, of every joint" in asked["robot.toml: joints: speed"]
+    assert any(note.startswith("stands for 10 s under its gains") for note in made["notes"])
+    again = call(*arguments)
+    assert (again.exit_code, again.stdout) == (2, "")
+    assert "dog: is there already; choose another name, or another --to" in again.stderr
+
+
+def test_an_import_of_no_file_is_refused_in_one_line(call, tmp_path):
+    result = call("import", "none.xml", "--name", "dog", "--to", str(tmp_path))
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == "error: none.xml: no such file; give an MJCF or a URDF\n"
+
+
 def test_an_unknown_robot_is_refused_with_the_nearest(call):
     result = call("show", "solo", "--json")
     assert result.exit_code == 2

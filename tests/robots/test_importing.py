@@ -237,6 +237,14 @@ def test_what_a_file_does_not_say_is_asked_for_and_found_by_the_check(made):
     assert any("actuatorfrcrange of joint 'FL_roll'" in problem for problem in problems)
 
 
+def test_bodies_may_have_the_names_of_joints(made):
+    _, robot = made(mjcf().replace("_hip", "_roll").replace("_calf", "_knee"))
+    assert robot.knee_frames == tuple(f"{name}_knee" for name in NAMES)
+    assert check_robot(robot, poses=3).failures() == ()
+    robot = replace(robot, tasks={"reach_in_place": robot.tasks["reach_in_place"]})
+    assert [check.problem for check in trial_checks(robot) if not check.passed] == []
+
+
 def test_joints_can_be_welded(made):
     _, robot = made(mjcf(), fixed=["*_roll"])
     assert robot.num_joints == 8 and robot.abduction_joints == ()
