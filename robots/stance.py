@@ -26,8 +26,8 @@ class Stance:
 
     Attributes:
         seconds: For how long it was watched; until it fell, if it did.
-        fell: What fell: a body of ``fall_bodies`` that touched the floor, or ``"tilt"``; "" if it
-            stood to the end.
+        fell: What fell: a body of ``fall_bodies`` that touched the floor, ``TILT`` or ``DIVERGED``;
+            "" if it stood to the end.
         height: Of its base over the floor in the default pose, m.
         sag: By how much the base is lower at the end, as a share of that height.
         tilt: Of the base at the end, rad.
@@ -47,7 +47,7 @@ class Stance:
     def said(self) -> str:
         """One line."""
         if self.fell:
-            how = "it tips over" if self.fell == TILT else f"{self.fell} touches the floor"
+            how = HOW.get(self.fell, f"{self.fell} touches the floor")
             return f"falls within {self.seconds:.1f} s under its gains: {how}"
         return (
             f"stands for {self.seconds:.0f} s under its gains, sags by {100 * self.sag:.1f} % of"
@@ -55,7 +55,8 @@ class Stance:
         )
 
 
-TILT = "tilt"
+TILT, DIVERGED = "tilt", "diverged"
+HOW = {TILT: "it tips over", DIVERGED: "the physics diverges"}
 
 
 def stand(spec: RobotSpec, seconds: float = SECONDS) -> Stance:
@@ -73,16 +74,18 @@ def stand(spec: RobotSpec, seconds: float = SECONDS) -> Stance:
     data = mujoco.MjData(model)
     data.qpos[:], data.ctrl[:] = spec.default_qpos(), spec.default_joint_pos
     steps = max(1, round(1.0 / (LOOKS_PER_SECOND * model.opt.timestep)))
-    fell = ""
-    while data.time < seconds and not fell:
+    fell, looked = "", 0.0
+    while looked < seconds and not fell:
         for _ in range(steps):
             mujoco.mj_step(model, data)
-        fell = _fallen(spec, data)
+        # what diverges is put back to the start by MuJoCo, time included
+        fell = DIVERGED if data.time <= looked else _fallen(spec, data)
+        looked += steps * model.opt.timestep
     height = spec.default_height()
     limits = spec.effort_limits()
     share = np.abs(data.actuator_force) / np.where(limits > 0.0, limits, np.inf)
     return Stance(
-        seconds=float(data.time),
+        seconds=looked,
         fell=fell,
         height=height,
         sag=float(1.0 - data.qpos[2] / height),

@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
     import mujoco
+
+IMPLAUSIBLE = 5.0
+"""Times weight times height, a torque that no motor of a robot has: strong ones have 0.7."""
 
 
 def driven(model: mujoco.MjModel) -> dict[int, int]:
@@ -62,6 +67,29 @@ def read_efforts(model: mujoco.MjModel) -> np.ndarray:
                 limits.append(gear * gain * float(np.abs(model.actuator_ctrlrange[actuator]).max()))
         efforts[joint] = min(limits, default=0.0)
     return efforts
+
+
+def drop_implausible(root: Element, model: mujoco.MjModel, height: float) -> dict[str, float]:
+    """Take limits out of an MJCF that no motor can have: some files say 1000 N.m for any robot.
+
+    Args:
+        root: The MJCF; loses them.
+        model: The same, compiled.
+        height: Of the base in standing, m.
+
+    Returns:
+        Joint -> what the file said, N.m.
+    """
+    weight = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity))
+    said = {
+        model.joint(joint).name: float(model.jnt_actfrcrange[joint, 1])
+        for joint in range(1, model.njnt)
+        if model.jnt_actfrcrange[joint, 1] > IMPLAUSIBLE * weight * height
+    }
+    for element in root.iter("joint"):
+        if element.get("name") in said:
+            del element.attrib["actuatorfrcrange"]
+    return said
 
 
 def _is_torque(model: mujoco.MjModel, actuator: int) -> bool:

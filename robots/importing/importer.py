@@ -16,11 +16,16 @@ import numpy as np
 
 from lacoloco.robots import mjcf
 from lacoloco.robots.errors import RobotError
-from lacoloco.robots.importing.actuators import read_efforts, unpowered
+from lacoloco.robots.importing.actuators import drop_implausible, read_efforts, unpowered
 from lacoloco.robots.importing.feet import give_feet_bodies
 from lacoloco.robots.importing.firmness import stand_firmly
 from lacoloco.robots.importing.gains import propose_gains
-from lacoloco.robots.importing.kinematics import find_legs, find_limbs, pose_data
+from lacoloco.robots.importing.kinematics import (
+    find_legs,
+    find_limbs,
+    foot_points,
+    pose_data,
+)
 from lacoloco.robots.importing.posture import keyframe_angles, standing_angles, untouching
 from lacoloco.robots.importing.proposal import Facts, Question, write_toml
 from lacoloco.robots.importing.source import Source, read_source
@@ -102,7 +107,12 @@ def _fill(folder: Path, source: Source, name: str, fixed: Sequence[str]) -> list
         raise RobotError(f"{source.file}: {error}") from error
     angles, solved = standing_angles(bare, legs, known)
     feet = give_feet_bodies(canonical, bare, seen, legs)
-    efforts = np.maximum(bare.jnt_actfrcrange[1:, 1], 0.0)
+    height = -float(foot_points(bare, pose_data(bare, angles), legs)[:, 2].min())
+    if odd := drop_implausible(canonical.root, bare, height):
+        told = ", ".join(f"{joint} ({effort:g} N.m)" for joint, effort in odd.items())
+        notes.append(f"torque limits that no such motor has were left out: {told}")
+    named = np.array([bare.joint(j).name in odd for j in range(1, bare.njnt)])
+    efforts = np.where(named, 0.0, np.maximum(bare.jnt_actfrcrange[1:, 1], 0.0))
     gains = propose_gains(bare, legs, angles, efforts)
     facts = Facts(source, bare, limbs, legs, tuple(feet), angles, gains, efforts, solved)
     model = _with_keyframe(canonical, file, angles, feet)

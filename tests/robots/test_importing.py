@@ -237,6 +237,17 @@ def test_what_a_file_does_not_say_is_asked_for_and_found_by_the_check(made):
     assert any("actuatorfrcrange of joint 'FL_roll'" in problem for problem in problems)
 
 
+def test_a_torque_that_no_motor_has_is_asked_for(made):
+    said, wild = 'joint="FL_knee" ctrlrange="-20 20"', 'joint="FL_knee" ctrlrange="-1000 1000"'
+    imported, robot = made(mjcf().replace(said, wild))
+    knee = robot.joint_names.index("FL_knee")
+    assert [effort == 20.0 for effort in robot.effort_limits()] == [j != knee for j in range(12)]
+    note = "torque limits that no such motor has were left out: FL_knee (1000 N.m)"
+    assert note in imported.notes
+    asked = {question.key: question.what for question in imported.questions}
+    assert asked["rover.xml: joint: actuatorfrcrange"] == "torque limit, N.m, of FL_knee"
+
+
 def test_bodies_may_have_the_names_of_joints(made):
     _, robot = made(mjcf().replace("_hip", "_roll").replace("_calf", "_knee"))
     assert robot.knee_frames == tuple(f"{name}_knee" for name in NAMES)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from lacoloco.robots.check import check_robot
+from lacoloco.robots.loading import robot_from_files
 from lacoloco.robots.stance import stand
 
 
@@ -27,3 +28,11 @@ def test_legs_without_strength_are_found_by_the_check(solo12):
     assert "joints: stiffness: expected gains that hold the default pose for 10 s" in check.problem
     assert "base_link touches the floor" in check.problem
     assert check_robot(replace(limp, gait=object()), poses=2).failures() == ()
+
+
+def test_physics_that_diverges_ends(solo12):
+    wild = replace(solo12, stiffness=(1e9,) * 12, damping=(1e-3,) * 12)
+    files = {name: text.replace('"-3 3"', '"-1e9 1e9"') for name, text in wild.files().items()}
+    wild = replace(robot_from_files(files), stiffness=wild.stiffness, damping=wild.damping)
+    stance = stand(wild, seconds=1.0)
+    assert stance.fell and stance.seconds < 1.0
