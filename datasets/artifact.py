@@ -22,13 +22,13 @@ from lacoloco.datasets.atomic_write import write_file
 from lacoloco.datasets.beside import ARTIFACT, PARTIAL, inputs_at, seal
 from lacoloco.datasets.envelope import DAMAGED, NUMBERS, RawHeader, pack, unpack
 from lacoloco.datasets.errors import ArtifactError
-from lacoloco.datasets.hashing import hash_arrays, hash_content
+from lacoloco.datasets.hashing import BLOCKS, hash_arrays, hash_blocks, hash_content
 from lacoloco.datasets.metadata import checked
 from lacoloco.datasets.provenance import Parent
 from lacoloco.datasets.robot_record import RobotRecord
 
 SCHEMAS: dict[str, int] = {
-    "lacoloco/motions": 1,
+    "lacoloco/motions": 2,
     "lacoloco/policy": 1,
     "lacoloco/checkpoint": 1,
     "lacoloco/evaluation": 1,
@@ -37,7 +37,10 @@ SCHEMAS: dict[str, int] = {
     "lacoloco/switching": 1,
     "lacoloco/experts": 1,
 }
-
+READABLE: dict[str, tuple[int, ...]] = {"lacoloco/motions": (1,)}
+"""Older versions that are read as they are: see `FlatClips.stored`."""
+HASHED_IN_BLOCKS = ("lacoloco/motions",)
+"""Schemas of large arrays, whose hash is made by all cores."""
 
 LONGEST_PATH = 4096
 """Letters in the path of a parent; Linux allows no more."""
@@ -139,28 +142,33 @@ def write_artifact(
         header |= _robot_attributes(RobotRecord(*robot))
     if path.name == ARTIFACT and path.parent.name.endswith(PARTIAL):
         header["files"] = _to_json(seal(path.parent))
+    if schema in HASHED_IN_BLOCKS:
+        header["hash"] = BLOCKS.encode()
     header = {name: value for name, value in header.items() if value != b""}
-    header["content_hash"] = hash_content(header, hash_arrays(checked)).encode()
+    header["content_hash"] = hash_content(header, _data_hash(header, checked)).encode()
     return write_file(path, pack(header, checked), replace=replace)
 
 
-def read_artifact(path: Path, schema: str | None = None, *, robot: str | None = None) -> Artifact:
+def read_artifact(
+    path: Path, schema: str | None = None, *, robot: str | None = None, mapped: bool = False
+) -> Artifact:
     """Read an artifact completely and verify its content hash.
 
     Args:
         path: file to read.
         schema: the schema it must have; None takes any that this version knows.
         robot: the robot it must belong to; None takes any.
+        mapped: whether large arrays may be the bytes of the file itself, mapped into memory.
 
     Raises:
         ArtifactError: missing, not an artifact, cut short, altered, of another schema or schema
             version, or of another robot; the message names the file and what to do.
     """
     path = Path(path)
-    raw, arrays = unpack(path)
+    raw, arrays = unpack(path, mapped=mapped)
     header = _parse_header(path, raw)
     _check_schema(header, schema)
-    data_hash = hash_arrays(arrays)
+    data_hash = _data_hash(raw, arrays)
     stored = raw.pop("content_hash", b"")
     if hash_content(raw, data_hash).encode() != stored:
         raise ArtifactError(f"{path}: its content does not match its hash: {DAMAGED}")
@@ -181,6 +189,11 @@ def read_header(path: Path) -> Header:
     """
     path = Path(path)
     return _parse_header(path, unpack(path, with_arrays=False)[0])
+
+
+def _data_hash(header: RawHeader, arrays: Mapping[str, np.ndarray]) -> str:
+    """Hash of the arrays, by the way that the header names."""
+    return hash_blocks(arrays) if header.get("hash") == BLOCKS.encode() else hash_arrays(arrays)
 
 
 def _numeric(name: str, array: np.ndarray) -> np.ndarray:
@@ -284,7 +297,7 @@ def _check_schema(header: Header, expected: str | None) -> None:
             f"{path}: '{schema}' version {header.schema_version}, {written}; lacoloco {here} reads"
             f" version {known}: upgrade lacoloco"
         )
-    if header.schema_version < known:
+    if header.schema_version < known and header.schema_version not in READABLE.get(schema, ()):
         raise ArtifactError(
             f"{path}: '{schema}' version {header.schema_version}, {written}; lacoloco {here} reads"
             f" version {known} and converts none: run the stage again, or install lacoloco"

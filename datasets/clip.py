@@ -6,16 +6,18 @@ faster than a group per clip.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
 from lacoloco.datasets import rotations, series
 from lacoloco.datasets.artifact import Artifact, read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError, DatasetError
+from lacoloco.datasets.flat_clips import FlatClips
 from lacoloco.datasets.robot_record import RobotRecord
 
 SCHEMA = "lacoloco/motions"
@@ -23,6 +25,7 @@ SCHEMA = "lacoloco/motions"
 _FORGOTTEN: dict[str, Any] = {"joint_target": None, "command": None, "gait_memory": None}
 """What holds at a clip's own pace and rate only."""
 _TABLE = ("name", "fps", "skill", "weight", "source", "licence")
+_UNSAID: dict[str, Any] = {"skill": "", "weight": 1.0, "source": "", "licence": ""}
 
 
 @dataclass(frozen=True)
@@ -148,14 +151,8 @@ class Clip:
         Raises:
             DatasetError: the first thing that is wrong, with the name of the clip.
         """
-        if not 0 < self.fps < np.inf:
-            problem = f"has {self.fps} frames per second"
-        elif len(set(self.joint_names)) < len(self.joint_names):
-            problem = "names a joint twice"
-        elif not 0 <= self.weight < np.inf:
-            problem = f"has weight {self.weight}; it must be zero or positive"
-        else:
-            problem = series.problem(self._rows(), len(self.joint_names))
+        problem = _problem_of(self.fps, self.weight, Counter(self.joint_names))
+        problem = problem or series.problem(self._rows(), len(self.joint_names))
         if problem:
             raise DatasetError(f"clip '{self.name}': {problem}")
 
@@ -206,6 +203,17 @@ class Clip:
         return replace(self, **rows)
 
 
+def _problem_of(fps: float, weight: float, joints: Counter[str]) -> str:
+    """What is wrong with a clip besides its series, in words; "" when nothing is."""
+    if not 0 < fps < np.inf:
+        return f"has {fps} frames per second"
+    if max(joints.values(), default=1) > 1:
+        return "names a joint twice"
+    if not 0 <= weight < np.inf:
+        return f"has weight {weight}; it must be zero or positive"
+    return ""
+
+
 def save_clips(
     path: Path,
     clips: Sequence[Clip],
@@ -234,20 +242,11 @@ def save_clips(
         ArtifactError: the file exists or cannot be written.
     """
     joint_names = common_joints(clips)
-    for clip in clips:
-        clip.validate()
-    lengths = [clip.frames for clip in clips]
-    arrays = {
-        name: np.concatenate([getattr(clip, name) for clip in clips]).astype(np.float32)
-        for name in series.SERIES
-    }
-    arrays["offsets"] = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    for index, clip in enumerate(clips):
-        for name in series.OPTIONAL:
-            rows = getattr(clip, name)
-            if rows is not None:
-                arrays[f"{name}/{index}"] = rows if rows.dtype == bool else rows.astype(np.float32)
-    table = [{name: getattr(clip, name) for name in _TABLE} for clip in clips]
+    if not isinstance(clips, Clips):
+        for clip in clips:
+            clip.validate()
+    arrays = flat_clips(clips).to_store()
+    table = table_of(clips)
     return write_artifact(
         path,
         SCHEMA,
@@ -261,35 +260,32 @@ def save_clips(
     )
 
 
-def load_clips(path: Path, *, robot: str | None = None) -> list[Clip]:
-    """Read all clips of a motions artifact; their arrays are views into the flat ones.
+def load_clips(path: Path, *, robot: str | None = None) -> Clips:
+    """Read all clips of a motions artifact; their arrays are views into the flat ones, and those
+    are the bytes of the file, which is mapped into memory.
 
     Raises:
         ArtifactError: see `read_artifact`; also when the tables do not fit together.
     """
-    return clips_of(read_artifact(path, SCHEMA, robot=robot))
+    return clips_of(read_artifact(path, SCHEMA, robot=robot, mapped=True))
 
 
-def clips_of(artifact: Artifact) -> list[Clip]:
+def clips_of(artifact: Artifact) -> Clips:
     """The clips of a motions artifact that was read already.
 
     Raises:
         ArtifactError: its tables do not fit together.
     """
     try:
-        arrays, metadata = artifact.arrays, artifact.metadata
-        offsets = arrays["offsets"].tolist()
-        joint_names = tuple(str(name) for name in metadata["joint_names"])
-        clips = []
-        for index, row in enumerate(metadata["clips"]):
-            start, stop = offsets[index], offsets[index + 1]
-            rows: dict[str, Any] = {name: arrays[name][start:stop] for name in series.SERIES}
-            rows |= {name: arrays.get(f"{name}/{index}") for name in series.OPTIONAL}
-            _check_row(row)
-            clips.append(Clip(**row, joint_names=joint_names, **rows))
-            clips[-1].validate()
-        if not clips:
+        metadata = artifact.metadata
+        table = metadata["clips"]
+        if not table:
             raise DatasetError("it holds no clips")
+        joint_names = tuple(str(name) for name in metadata["joint_names"])
+        for row in table:
+            _check_row(row)
+        clips = Clips(FlatClips.stored(artifact.arrays, len(table)), joint_names, table)
+        clips.validate()
         return clips
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise ArtifactError(
@@ -298,8 +294,80 @@ def clips_of(artifact: Artifact) -> list[Clip]:
         ) from error
 
 
+class Clips(Sequence[Clip]):
+    """All clips of a set, as they are stored; each is put together when it is asked for."""
+
+    def __init__(
+        self, flat: FlatClips, joint_names: tuple[str, ...], table: Sequence[Mapping[str, Any]]
+    ) -> None:
+        """Take the series of all clips, their joints, and name, fps, skill... of each."""
+        self.flat, self.joint_names, self.table = flat, joint_names, table
+
+    def __len__(self) -> int:
+        """Number of clips."""
+        return len(self.table)
+
+    @overload
+    def __getitem__(self, index: int) -> Clip: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Clip]: ...
+    def __getitem__(self, index: int | slice) -> Clip | list[Clip]:
+        """One clip, its arrays views into the flat ones, or several."""
+        if isinstance(index, slice):
+            return [self[one] for one in range(*index.indices(len(self)))]
+        one = range(len(self))[index]
+        rows: dict[str, Any] = self.flat.rows(one)
+        return Clip(**self.table[one], joint_names=self.joint_names, **rows)
+
+    def validate(self) -> None:
+        """Check all that `Clip.validate` checks of each.
+
+        Raises:
+            DatasetError: the first thing that is wrong, with the name of the clip.
+        """
+        names = Counter(self.joint_names)
+        for row in self.table:
+            problem = _problem_of(row["fps"], row.get("weight", 1.0), names)
+            if problem:
+                raise DatasetError(f"clip '{row['name']}': {problem}")
+        index, problem = self.flat.problem(len(self.joint_names))
+        if problem:
+            raise DatasetError(f"clip '{self.table[index]['name']}': {problem}")
+
+
+def table_of(clips: Sequence[Clip]) -> list[dict[str, Any]]:
+    """What is known of each clip besides its series: name, fps, skill, weight, source, licence."""
+    if isinstance(clips, Clips):
+        return [{**_UNSAID, **row} for row in clips.table]
+    return [{name: getattr(clip, name) for name in _TABLE} for clip in clips]
+
+
+def flat_clips(clips: Sequence[Clip], optional: Sequence[str] = series.OPTIONAL) -> FlatClips:
+    """The series of clips, all frames one after the other: as they are stored, or copied.
+
+    Args:
+        clips: at least one, all with the same joints.
+        optional: those of `series.OPTIONAL` that are wanted.
+
+    Raises:
+        DatasetError: they know of different numbers of feet.
+    """
+    if isinstance(clips, Clips):
+        return clips.flat
+    for name in optional:
+        widths = {
+            rows.shape[-1]: clip.name for clip in clips if (rows := getattr(clip, name)) is not None
+        }
+        if len(widths) > 1:
+            one, other = list(widths.values())[:2]
+            raise DatasetError(f"clips '{one}' and '{other}' differ in the width of their {name}")
+    return FlatClips.of([clip._rows() for clip in clips], optional)
+
+
 def _check_row(row: Mapping[str, Any]) -> None:
     """Refuse a row of the stored table with a value of another type than a clip has there."""
+    if not {"name", "fps"} <= row.keys() <= set(_TABLE):
+        raise ValueError(f"a clip has {', '.join(row)}")
     for name, value in row.items():
         kind = (int, float) if name in ("fps", "weight") else str
         if not isinstance(value, kind) or isinstance(value, bool):
@@ -314,6 +382,8 @@ def common_joints(clips: Sequence[Clip]) -> tuple[str, ...]:
     """
     if not clips:
         raise DatasetError("there are no clips; give at least one")
+    if isinstance(clips, Clips):
+        return clips.joint_names
     for clip in clips:
         if clip.joint_names != clips[0].joint_names:
             raise DatasetError(

@@ -25,6 +25,11 @@ MOST_ATTRIBUTES = 64
 DEEPEST = 64
 """Groups within groups; the state of a training has about ten."""
 
+MAPPED_FROM = 1 << 20
+"""Bytes of an array; below, reading is as quick."""
+_PAGE = 4096
+"""Bytes to which larger arrays are aligned in a file, so that they can be mapped."""
+
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -42,6 +47,8 @@ def pack(header: RawHeader, arrays: Mapping[str, np.ndarray]) -> bytes:
         backing_store=False,
         libver=("v110", "v110"),
         block_size=max(1 << 16, size // 4),
+        alignment_threshold=MAPPED_FROM,
+        alignment_interval=_PAGE,
     ) as file:
         for name, value in header.items():
             file.attrs[name] = np.bytes_(value) if isinstance(value, bytes) else value
@@ -52,8 +59,13 @@ def pack(header: RawHeader, arrays: Mapping[str, np.ndarray]) -> bytes:
         return file.id.get_file_image()
 
 
-def unpack(path: Path, *, with_arrays: bool = True) -> tuple[RawHeader, dict[str, np.ndarray]]:
+def unpack(
+    path: Path, *, with_arrays: bool = True, mapped: bool = False
+) -> tuple[RawHeader, dict[str, np.ndarray]]:
     """Read header and arrays of the HDF5 file at `path`; the arrays are empty if not wanted.
+
+    With `mapped`, floats of `MAPPED_FROM` bytes and more are mapped: their memory is the file's,
+    which a process that writes to it does not change.
 
     Whatever a file claims, no more bytes are read than it has: see `_Reader`.
 
@@ -65,7 +77,7 @@ def unpack(path: Path, *, with_arrays: bool = True) -> tuple[RawHeader, dict[str
     try:
         # No locks: they fail on read-only and network file systems, and artifacts never change.
         with h5py.File(path, "r", locking=False) as file:
-            reader = _Reader(size)
+            reader = _Reader(size, path if mapped else None)
             header = reader.header(file)
             ours = "schema" in header  # another program's file is called so, not damaged
             return header, reader.arrays(file) if with_arrays and ours else {}
@@ -91,9 +103,9 @@ class _Reader:
     bytes as the file, so that none is larger than what was written.
     """
 
-    def __init__(self, size: int) -> None:
-        """Take the size of the file in bytes."""
-        self._left, self._seen = size, set[int]()
+    def __init__(self, size: int, mapped: Path | None = None) -> None:
+        """Take the size of the file in bytes, and its path where large arrays may be mapped."""
+        self._left, self._seen, self._mapped = size, set[int](), mapped
 
     def header(self, file: h5py.File) -> RawHeader:
         """The root attributes: texts and whole numbers."""
@@ -150,6 +162,10 @@ class _Reader:
         if item.id.get_storage_size() != item.nbytes:
             raise _UnlikeOursError(f"{_short(place)} was never written")
         self._take(item.nbytes, place)
+        large = item.dtype.kind == "f" and item.nbytes >= MAPPED_FROM
+        at = item.id.get_offset()
+        if self._mapped is not None and large and at and at % item.dtype.alignment == 0:
+            return np.asarray(np.memmap(self._mapped, item.dtype, "c", at, item.shape))
         return np.asarray(item[()])
 
     def _take(self, count: int, place: str) -> None:

@@ -10,12 +10,15 @@ from typing import Literal
 import numpy as np
 import torch
 
-from lacoloco.datasets import rotations, series
-from lacoloco.datasets.clip import Clip, common_joints
+from lacoloco.datasets import series
+from lacoloco.datasets.clip import Clip, common_joints, flat_clips, table_of
 from lacoloco.datasets.errors import DatasetError
+from lacoloco.datasets.flat_clips import FlatClips
+from lacoloco.datasets.great_circles import great_circles
 
 Weighting = Literal["duration", "clip", "skill"]
 
+_ASKED = ("joint_target", "command", "gait_memory")
 _LINEAR = ("root_pos", "root_lin_vel_b", "root_ang_vel_b", "joint_pos", "joint_vel")
 
 
@@ -59,7 +62,9 @@ class MotionLibrary:
         weighting: Weighting = "duration",
         skill_shares: Mapping[str, float] | None = None,
     ) -> None:
-        """Lay the clips out flat, in single precision.
+        """Take the clips' flat arrays, in single precision, and their orientations between frames.
+
+        On the CPU, arrays of clips that were read from one artifact are not copied.
 
         Args:
             clips: at least one, all with the same joints.
@@ -73,32 +78,29 @@ class MotionLibrary:
             DatasetError: no clips, different joints, or weights that leave nothing to sample.
         """
         self.joint_names = common_joints(clips)
-        self.names = tuple(clip.name for clip in clips)
+        flat = flat_clips(clips, _ASKED)
+        table = table_of(clips)
+        self.names = tuple(row["name"] for row in table)
         self.device = torch.device(device)
-        self._skills = [clip.skill for clip in clips]
-        self._weights = np.array([clip.weight for clip in clips])
-        self._durations = np.array([clip.duration for clip in clips])
+        self._skills = [row["skill"] for row in table]
+        self._weights = np.array([row["weight"] for row in table])
+        fps = np.array([row["fps"] for row in table])
+        self._durations = (np.diff(flat.offsets) - 1) / fps
         self._weighting, self._shares = weighting, _skill_shares(self._skills, skill_shares)
         self._parts = Emphasis(
             np.arange(len(clips)), np.zeros(len(clips)), self._durations, np.ones(len(clips))
         )
         self._cumulative: dict[float, tuple[torch.Tensor, ...]] = {}
 
-        lengths = np.array([clip.frames for clip in clips])
-        self._first = self._tensor(np.cumsum(lengths) - lengths, torch.long)
-        self._last = self._tensor(lengths - 1, torch.long)
-        self._fps = self._tensor([clip.fps for clip in clips])
+        self._first = self._tensor(flat.offsets[:-1], torch.long)
+        self._last = self._tensor(np.diff(flat.offsets) - 1, torch.long)
+        self._fps = self._tensor(fps)
         self.durations = self._tensor(self._durations)
         """(clips,) seconds of each clip."""
         self._widths = [3, 3, 3, len(self.joint_names), len(self.joint_names)]
-        self._split = [4, 4, 1, sum(self._widths), sum(self._widths)]
-        self._table = self._flatten(clips)
-        joints = len(self.joint_names)
-        self._targets = self._tensor(
-            _known_or_nan([clip.joint_target for clip in clips], lengths, joints)
-        )
-        self._commands = self._tensor(_known_or_nan([clip.command for clip in clips], lengths, 3))
-        self._memory = self._tensor(_known_or_nan([clip.gait_memory for clip in clips], lengths, 3))
+        self._states = [self._tensor(flat.series[name]) for name in _LINEAR]
+        self._circles = self._tensor(great_circles(flat.series["root_quat"], flat.offsets))
+        self._known = {name: self._known_rows(flat, name) for name in _ASKED}
         self._draw(0.0)  # refuse weights that leave nothing to sample now, not in mid-training
 
     def __len__(self) -> int:
@@ -118,11 +120,16 @@ class MotionLibrary:
         position = (times * self._fps[clip_ids]).clamp_(min=0)
         low = torch.minimum(position.long(), self._last[clip_ids])
         share = (position - low).to(torch.float32)[:, None]
-        rows = self._table.index_select(0, low + self._first[clip_ids])
-        quat, axis, angle, state, change = rows.split(self._split, dim=1)
+        # The last frame leads nowhere, which is also what clamps times beyond the end.
+        high = torch.minimum(low + 1, self._last[clip_ids]) + self._first[clip_ids]
+        low += self._first[clip_ids]
+        quat, axis, angle = self._circles.index_select(0, low).split((4, 4, 1), dim=1)
         angle = share * angle
         quat = (angle.cos() * quat).addcmul_(angle.sin(), axis)
-        parts = torch.addcmul(state, share, change).split(self._widths, dim=1)
+        both = torch.cat([low, high])
+        states = torch.cat([rows.index_select(0, both) for rows in self._states], dim=1)
+        state, end = states.chunk(2)
+        parts = torch.addcmul(state, share, end.sub_(state)).split(self._widths, dim=1)
         return MotionFrames(root_quat=quat, **dict(zip(_LINEAR, parts, strict=True)))
 
     def joint_targets(self, clip_ids: torch.Tensor, times: torch.Tensor, dt: float) -> torch.Tensor:
@@ -130,21 +137,21 @@ class MotionLibrary:
 
         NaN where that is not known: no robot performed the clip, or it was asked at another rate.
         """
-        return self._asked(self._targets, clip_ids, times, dt)
+        return self._asked("joint_target", clip_ids, times, dt)
 
     def commands(self, clip_ids: torch.Tensor, times: torch.Tensor, dt: float) -> torch.Tensor:
         """(n, 3) what an expert was told to do from ``times`` (n,) on, for ``dt`` seconds.
 
         NaN where that is not known, as for :meth:`joint_targets`.
         """
-        return self._asked(self._commands, clip_ids, times, dt)
+        return self._asked("command", clip_ids, times, dt)
 
     def gait_memory(self, clip_ids: torch.Tensor, times: torch.Tensor, dt: float) -> torch.Tensor:
         """(n, 3) where an expert's gait clock stood at ``times`` (n,), read every ``dt`` seconds.
 
         NaN where that is not known, as for :meth:`joint_targets`.
         """
-        return self._asked(self._memory, clip_ids, times, dt)
+        return self._asked("gait_memory", clip_ids, times, dt)
 
     def clips_of(self, skill: str) -> torch.Tensor:
         """(n,) int64 numbers of the clips that show a skill."""
@@ -222,33 +229,26 @@ class MotionLibrary:
         return halves[0], halves[1]
 
     def _asked(
-        self, values: torch.Tensor, clip_ids: torch.Tensor, times: torch.Tensor, dt: float
+        self, name: str, clip_ids: torch.Tensor, times: torch.Tensor, dt: float
     ) -> torch.Tensor:
-        frame = (times * self._fps[clip_ids]).round().long()
-        rows = values[torch.minimum(frame, self._last[clip_ids]) + self._first[clip_ids]]
+        values, first = self._known[name]
+        frame = torch.minimum((times * self._fps[clip_ids]).round().long(), self._last[clip_ids])
+        begin = first[clip_ids]
+        rows = values[begin.clamp(min=0) + torch.where(begin < 0, 0, frame)]
         other = (self._fps[clip_ids] * dt - 1.0).abs() > 1e-4
-        return rows.masked_fill(other[:, None], float("nan"))
+        return rows.masked_fill((other | (begin < 0))[:, None], float("nan"))
+
+    def _known_rows(self, flat: FlatClips, name: str) -> tuple[torch.Tensor, torch.Tensor]:
+        """What some clips know, and the row at which each clip begins there, -1 for the others."""
+        if name in flat.known:
+            known = flat.known[name]
+            return self._tensor(known.values), self._tensor(known.first, torch.long)
+        width = series.width(name, len(self.joint_names))
+        nowhere = torch.full((len(flat),), -1, dtype=torch.long, device=self.device)
+        return torch.zeros((1, width), device=self.device), nowhere
 
     def _tensor(self, values: object, dtype: torch.dtype = torch.float32) -> torch.Tensor:
         return torch.as_tensor(np.asarray(values), dtype=dtype, device=self.device)
-
-    def _flatten(self, clips: Sequence[Clip]) -> torch.Tensor:
-        """One row per frame: its state, and how it gets to the next frame of its clip.
-
-        A state at any time then needs a single gather. Last frames lead nowhere: their change is
-        zero, which is also what clamps times beyond the end. Columns are listed in `_split`.
-        """
-        width = sum(self._widths)
-        table = np.zeros((sum(clip.frames for clip in clips), sum(self._split)), dtype=np.float32)
-        start = 0
-        for clip in clips:
-            rows = table[start : start + clip.frames]
-            rows[:, :9] = _great_circles(clip.root_quat)
-            state, change = rows[:, 9 : 9 + width], rows[:-1, 9 + width :]
-            np.concatenate([getattr(clip, name) for name in _LINEAR], axis=1, out=state)
-            np.subtract(state[1:], state[:-1], out=change)
-            start += clip.frames
-        return torch.from_numpy(table).to(self.device)
 
     def _draw(self, margin: float) -> tuple[torch.Tensor, ...]:
         """Edges (m + 1,) of the parts' shares on [0, 1], the numbers (m,) of their clips, and where
@@ -292,34 +292,6 @@ class MotionLibrary:
             if total > 0:
                 result[members] = share * shares[members] / total
         return result
-
-
-def _known_or_nan(
-    series: Sequence[np.ndarray | None], lengths: np.ndarray, width: int
-) -> np.ndarray:
-    """(rows, width) optional series of all clips one after the other, NaN where not known."""
-    return np.concatenate(
-        [
-            np.full((length, width), np.nan) if rows is None else rows
-            for rows, length in zip(series, lengths, strict=True)
-        ]
-    )
-
-
-def _great_circles(quat: np.ndarray) -> np.ndarray:
-    """Rows (T, 9) of q, e, angle, with slerp(q_k, q_k+1, s) = cos(s angle) q_k + sin(s angle) e_k.
-
-    q_k and the unit quaternion e_k, at right angles to it, span the great circle to q_k+1.
-    """
-    quat = rotations.continuous(rotations.normalize(quat.astype(np.float64)))
-    circles = np.zeros((len(quat), 9))
-    circles[:, :4] = quat
-    start, end = quat[:-1], quat[1:]
-    aside = end - (start * end).sum(1, keepdims=True) * start
-    sine = np.sqrt((aside**2).sum(1, keepdims=True))
-    circles[:-1, 4:8] = aside / np.maximum(sine, 1e-12)
-    circles[:-1, 8] = np.arcsin(np.minimum(sine, 1.0))[:, 0]
-    return circles
 
 
 def _skill_shares(skills: Sequence[str], wanted: Mapping[str, float] | None) -> dict[str, float]:

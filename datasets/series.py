@@ -17,6 +17,8 @@ _WIDTHS = dict.fromkeys(("root_pos", "root_lin_vel_b", "root_ang_vel_b", "comman
     "root_quat": 4,
     "gait_memory": 3,
 }
+_UNIT_TOLERANCE = 1e-3
+"""What single precision, and a file with few digits, may be off by."""
 
 
 def angular_velocities_b(quat: np.ndarray, fps: float) -> np.ndarray:
@@ -54,6 +56,20 @@ def resampled(series: dict[str, np.ndarray], fps: float, new_fps: float) -> dict
     return result
 
 
+def width(name: str, joints: int) -> int:
+    """Numbers per frame of a series, for a robot with so many joints; contacts have any."""
+    return _WIDTHS.get(name, joints)
+
+
+def are_unit(quat: np.ndarray) -> bool:
+    """Whether quaternions (T, 4) are of unit length, to a thousandth."""
+    return bool((_off_unit(quat) <= _UNIT_TOLERANCE).all())
+
+
+def _off_unit(quat: np.ndarray) -> np.ndarray:
+    return np.abs(np.sqrt((quat**2).sum(1)) - 1)
+
+
 def problem(rows: dict[str, np.ndarray], joints: int) -> str:
     """The first thing that is wrong with the series of a clip, in words; "" when nothing is.
 
@@ -65,14 +81,14 @@ def problem(rows: dict[str, np.ndarray], joints: int) -> str:
     if frames == 0:
         return "has no frames"
     for name in (name for name in rows if name != "contacts"):
-        expected = (frames, _WIDTHS.get(name, joints))
+        expected = (frames, width(name, joints))
         if rows[name].shape != expected:
             return f"{name} has shape {rows[name].shape}, expected {expected}"
         finite = np.isfinite(rows[name])
         if not finite.all():
             return f"{name} is not finite in frame {int(np.argmin(finite.all(1)))}"
-    error = np.abs(np.sqrt((rows["root_quat"] ** 2).sum(1)) - 1)
-    if error.max() > 1e-3:
+    error = _off_unit(rows["root_quat"])
+    if error.max() > _UNIT_TOLERANCE:
         return f"root_quat is not of unit length in frame {int(error.argmax())}"
     contacts = rows.get("contacts")
     if contacts is not None and (

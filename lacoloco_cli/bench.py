@@ -106,6 +106,20 @@ def bench_experts(
     _show(session, {"experts": path_text(path), "episodes": episodes, **metrics})
 
 
+@verb(app, "motions", shared=READING)
+def bench_motions(
+    session: Session,
+    robot: Robot = DEFAULT_ROBOT,
+    hours: Annotated[
+        float, typer.Option("--hours", min=0.01, max=1000.0, help="Of motion, in clips of 10 s.")
+    ] = 40.0,
+) -> None:
+    """Loading a library of motions: time, memory, and what a draw from it takes."""
+    from lacoloco.pipelines.benchmarks import motion_loading as bench
+
+    _show(session, bench.bench_motions(robot, hours))
+
+
 @verb(app, "retarget", shared=READING)
 def bench_retarget(
     session: Session,

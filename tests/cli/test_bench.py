@@ -67,3 +67,11 @@ def test_what_does_not_exist_is_refused(arguments, said):
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
     assert said in result.stderr
+
+
+@pytest.mark.slow
+def test_motions_are_loaded_in_a_process_of_their_own():
+    metrics = answer("motions", "--hours", "0.02")
+    assert metrics["clips"] == 7
+    assert min(metrics["load_cpu_s"], metrics["build_cpu_s"], metrics["transitions_ms"]) > 0
+    assert metrics["bytes"] > 7 * 500 * 49 * 4

@@ -264,9 +264,9 @@ def test_other_schema_and_other_robot(write):
 @pytest.mark.parametrize(("shift", "words"), [(1, "upgrade lacoloco"), (-1, "run the stage again")])
 def test_newer_and_older_versions_say_who_wrote_them(write, monkeypatch, shift, words):
     with monkeypatch.context() as patch:
-        patch.setitem(SCHEMAS, "lacoloco/motions", SCHEMAS["lacoloco/motions"] + shift)
+        patch.setitem(SCHEMAS, "lacoloco/policy", SCHEMAS["lacoloco/policy"] + shift)
         patch.setattr(artifacts.provenance, "lacoloco_version", lambda: "9.8.7")
-        path = write()
+        path = write(schema="lacoloco/policy", metadata={})
     with pytest.raises(ArtifactError, match=words) as caught:
         read_artifact(path)
     one_line(caught, path, "9.8.7")
