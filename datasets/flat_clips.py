@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lacoloco.datasets import series
+from lacoloco.datasets.series import OPTIONAL
 
 Rows = dict[str, np.ndarray]
 """The series of one clip by name, each (T, ...)."""
@@ -45,7 +46,7 @@ class FlatClips:
     """Those of `series.OPTIONAL` that at least one clip has."""
 
     @classmethod
-    def of(cls, clips: Sequence[Rows], optional: Sequence[str] = series.OPTIONAL) -> FlatClips:
+    def of(cls, clips: Sequence[Rows], optional: Sequence[str] = OPTIONAL) -> FlatClips:
         """Lay clips out flat, all but orientations in single precision.
 
         Args:
