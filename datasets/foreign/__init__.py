@@ -1,0 +1,1 @@
+"""Motions as other programs store them."""
