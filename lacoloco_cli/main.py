@@ -17,6 +17,7 @@ from lacoloco_cli.failures import USER_MISTAKE, UserError, explain
 VERBS = {
     "generate": ("generate", "Record motions of expert policies, trained if need be."),
     "retarget": ("retarget", "Turn motion capture (.bvh) into motions of the robot."),
+    "motions": ("motions", "List, show, draw, import and export motions."),
     "track": ("track", "Let a robot perform retargeted motions in simulation."),
     "train-low": ("train_low", "Train the low level: latents to motion (ASE)."),
     "train-high": ("train_high", "Train the high level: a target to latents."),

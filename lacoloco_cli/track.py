@@ -23,7 +23,7 @@ def track(
             "--motions",
             help=(
                 "Motions, or their published name; may be repeated; default: the run's newest "
-                "retargeted ones."
+                "retargeted and imported ones."
             ),
         ),
     ] = None,
@@ -34,8 +34,17 @@ def track(
 
     config = session.config(stage.PRESETS)
     given = motions or session.begun_inputs()
-    sources = [
-        resolve(one) for one in given or [session.store.newest(session.run_name, "retarget")]
-    ]
+    sources = [resolve(one) for one in given or _newest(session)]
     result = stage.run(config, session.context(), motions=sources)
     session.answer({"artifact": path_text(result.artifact), **result.metrics})
+
+
+def _newest(session: Session) -> list[Path]:
+    """The run's newest retargeted and imported motions.
+
+    Raises:
+        ArtifactError: It has none.
+    """
+    store, run = session.store, session.run_name
+    found = [path for verb in ("retarget", "import") for path in store.all(run, verb)[-1:]]
+    return found or [store.newest(run, "retarget")]

@@ -65,8 +65,8 @@ def train_low(
 
 
 def newest_motions(session: Session) -> list[Path]:
-    """The run's newest motions of every verb that made some; those of `retarget` only if nobody
-    performed them.
+    """The run's newest motions of every verb that made some; those of `retarget` and
+    `motions import` only if nobody performed them.
 
     Raises:
         ArtifactError: None made any; the message names a verb that does.
@@ -74,8 +74,8 @@ def newest_motions(session: Session) -> list[Path]:
     from lacoloco.datasets.artifact import read_header
 
     store, run = session.store, session.run_name
-    generated, performed, retargeted = (
-        store.all(run, verb)[-1:] for verb in ("generate", "track", "retarget")
+    generated, performed, retargeted, imported = (
+        store.all(run, verb)[-1:] for verb in ("generate", "track", "retarget", "import")
     )
     if performed and retargeted:
         followed = [parent.locate(performed[0]) for parent in read_header(performed[0]).parents]
@@ -84,4 +84,5 @@ def newest_motions(session: Session) -> list[Path]:
                 "`lacoloco track` has not followed the newest retargeted motions: taking those it "
                 "did"
             )
-    return generated + (performed or retargeted) or [store.newest(run, "generate")]
+    others = performed or retargeted + imported
+    return generated + others or [store.newest(run, "generate")]
