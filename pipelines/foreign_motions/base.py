@@ -41,28 +41,35 @@ def root_quaternions(motion: ForeignMotion, asked: str | None) -> tuple[np.ndarr
 
 
 def _order(motion: ForeignMotion) -> str:
-    tilts = {name: _tilt(motion.root_quat[:, columns]) for name, columns in ORDERS.items()}
-    upright = [name for name, tilt in tilts.items() if tilt < _UPRIGHT]
-    tilted = [name for name, tilt in tilts.items() if tilt > _TILTED]
+    tilts = {name: _tilts(motion.root_quat[:, columns]) for name, columns in ORDERS.items()}
+    usual = {name: float(np.quantile(tilt, 0.9)) for name, tilt in tilts.items()}
+    upright = [name for name, tilt in usual.items() if tilt < _UPRIGHT]
+    tilted = [name for name, tilt in usual.items() if tilt > _TILTED]
     decided = len(upright) == len(tilted) == 1
-    if motion.quat_order is not None:
-        if decided and motion.quat_order in tilted:
+    told = ", ".join(f"{np.degrees(tilt):.0f} deg as {name}" for name, tilt in usual.items())
+    order = motion.quat_order
+    if order is not None and not (decided and order in tilted):
+        if np.quantile(tilts[order], 0.1) > _TILTED:
             raise DatasetError(
-                f"{motion.name}: a {motion.kind} has its orientation as {motion.quat_order}, but"
-                f" the base is upright as {upright[0]} only: say which with --quaternion"
+                f"{motion.name}: its base is never upright (it tilts by {told}), so its frame is"
+                f" another than the robot's; if it is right, say --quaternion {order}"
             )
-        return motion.quat_order
+        return order
+    if order is not None:
+        raise DatasetError(
+            f"{motion.name}: a {motion.kind} has its orientation as {order}, but the base is"
+            f" upright as {upright[0]} only: say which with --quaternion"
+        )
     if decided:
         return upright[0]
-    told = ", ".join(f"{np.degrees(tilt):.0f} deg as {name}" for name, tilt in tilts.items())
     raise DatasetError(
         f"{motion.name}: which column of its orientation is w cannot be told from it (the base"
         f" tilts by {told}): say --quaternion wxyz or xyzw"
     )
 
 
-def _tilt(quat: np.ndarray) -> float:
-    """Angle between the base's z axis and the world's, rad: the 90 % quantile of (T, 4) wxyz."""
+def _tilts(quat: np.ndarray) -> np.ndarray:
+    """(T,) angle between the base's z axis and the world's, rad, of (T, 4) wxyz."""
     unit = rotations.normalize(quat)
     cosine = 1.0 - 2.0 * (unit[:, 1] ** 2 + unit[:, 2] ** 2)
-    return float(np.quantile(np.arccos(np.clip(cosine, -1.0, 1.0)), 0.9))
+    return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -78,8 +78,8 @@ def _draw_paths(
         path = rotations.rotate_inverse(heading, clip.root_pos - clip.root_pos[:1])
         axes.plot(path[:, 0], path[:, 1], color=colours[kinds[index]], linewidth=0.7, alpha=0.6)
     axes.set_aspect("equal", adjustable="datalim")
-    shown = "" if len(chosen) == len(clips) else f", {len(chosen)} of {len(clips)}"
-    _name(axes, f"paths from above, all begin at 0 along x{shown}", "m", "m")
+    shown = "" if len(chosen) == len(clips) else f" ({len(chosen)} of {len(clips)})"
+    _name(axes, f"paths from above{shown}", "m, along the first heading", "m")
 
 
 def _draw_heights(
@@ -103,5 +103,6 @@ def _draw_heights(
 
 def _name(axes: Axes, title: str, x: str, y: str) -> None:
     axes.set_title(title, loc="left")
+    axes.set_axisbelow(True)
     axes.set_xlabel(x)
     axes.set_ylabel(y)

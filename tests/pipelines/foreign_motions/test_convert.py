@@ -167,6 +167,7 @@ def test_the_order_of_the_quaternion_is_that_in_which_the_base_is_upright():
         (rotations.from_yaw(np.full(20, 0.1))[:, [1, 2, 3, 0]], None, "cannot be told"),
         (TILTED, None, "cannot be told"),
         (YAW, "xyzw", "upright as wxyz only"),
+        (np.full((20, 4), 0.5), "xyzw", "never upright"),  # Laikago's base in motion_imitation
         (2.0 * YAW, None, "has length 2"),
     ],
 )
