@@ -21,7 +21,7 @@ from lacoloco_cli.written_files import PAGE, check_output, copy_to
 
 app = typer.Typer()
 
-PLAYABLE = ("train-high", "train-low", "track", "retarget", "generate")
+PLAYABLE = ("train-high", "train-low", "track", "retarget", "import", "generate")
 """Stages whose newest artifact is played when none is named; the first that has one."""
 
 

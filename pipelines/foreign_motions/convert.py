@@ -20,6 +20,8 @@ from lacoloco.robots.spec import RobotSpec
 
 _LEVEL = 0.005
 """Metres that the ground may be off; less is not worth a change, nor a word."""
+_MOST_FRAMES = 5_000_000
+"""Of a clip: more than a day at the rate of the policies."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ def convert(spec: RobotSpec, file: Path, config: ImportConfig, name: str) -> Con
     fps = config.source_fps or motion.fps
     if fps is None:
         raise DatasetError(f"{file}: does not say its frames per second: say --source-fps")
+    if len(motion.root_pos) / fps * config.fps > _MOST_FRAMES:
+        raise DatasetError(f"{file}: at {fps:g} frames per second it lasts days: say --source-fps")
     columns, left_out = joint_columns(spec, motion, config.joints or None)
     joints = np.unwrap(motion.joint_pos[:, columns], axis=0)
     remarks = check_ranges(spec, joints, name, asked=bool(config.joints))

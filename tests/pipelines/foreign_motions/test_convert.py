@@ -90,6 +90,8 @@ def test_the_rate_becomes_that_of_the_policies(spec, walk, tmp_path):
     slow = convert(spec, file, ImportConfig(source_fps=30.0), "walk")
     assert slow.metrics["source_fps"] == 30.0
     assert slow.clip.fps == 50.0 and slow.clip.duration == pytest.approx(79 / 30, abs=1 / 50)
+    with pytest.raises(DatasetError, match="lasts days"):
+        convert(spec, file, ImportConfig(source_fps=1e-4), "walk")
     speed = np.linalg.norm(slow.clip.root_lin_vel_b[:, :2], axis=1)
     np.testing.assert_allclose(speed, 30 / 50 * np.hypot(0.4, 0.1), atol=1e-3)
 
