@@ -20,11 +20,12 @@ from lacoloco.pipelines.sim.constraints import CONSTRAINTS, Limit
 from lacoloco.pipelines.sim.contact_timer import FootTimer
 from lacoloco.pipelines.sim.disturbances.sensors import make_sensors
 from lacoloco.pipelines.sim.engines import make_physics
+from lacoloco.pipelines.sim.env_state import restore_state, state_of
 from lacoloco.pipelines.sim.gait.clock import ASKED_SPEED
 from lacoloco.pipelines.sim.gait.guide import CLOCK_TERM, GaitGuide
 from lacoloco.pipelines.sim.initial_states import StandingStarts, clip_starts
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
-from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest, WorldParameters
+from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest
 from lacoloco.pipelines.sim.randomisation import draw_parameters
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
 from lacoloco.pipelines.sim.step import Step
@@ -292,34 +293,11 @@ class LeggedEnv:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that makes the next step what it is."""
-        tensors = {key: getattr(self, key) for key in _STATE}
-        return {
-            "physics": self.physics.state_dict(),
-            "parameters": self.parameters.columns(),
-            "generator": self.generator.get_state(),
-            "feet": self.feet.state_dict(),
-            "diverged_total": self.diverged_total,
-            **({} if self.guide is None else {"guide": self.guide.state_dict()}),
-            **({} if self.sensors is None else {"sensors": self.sensors.state_dict()}),
-            **tensors,
-        }
+        return state_of(self)
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore :meth:`state_dict`."""
-        columns = {name: values.to(self.device) for name, values in state["parameters"].items()}
-        self.parameters = WorldParameters(**columns)
-        self.physics.set_parameters(self.parameters)
-        self.physics.load_state_dict(state["physics"])
-        self.generator.set_state(state["generator"])
-        self.feet.load_state_dict(state["feet"])
-        self.diverged_total = torch.as_tensor(state["diverged_total"], device=self.device)
-        for key in _STATE:
-            setattr(self, key, state[key].to(self.device))
-        if self.guide is not None:
-            self.guide.load_state_dict(state["guide"])
-        if self.sensors is not None:
-            self.sensors.load_state_dict(state["sensors"])
-        self._read()
+        restore_state(self, state)
 
     def _own_terms(self) -> tuple[Term, ...]:
         command = None if self.task.command is None else self.task.command.term
@@ -389,6 +367,3 @@ class LeggedEnv:
 
     def _uniform(self, *shape: int) -> torch.Tensor:
         return torch.rand(shape, generator=self.generator, device=self.device)
-
-
-_STATE = ("steps", "action", "command", "_resample_at", "_push_at")
