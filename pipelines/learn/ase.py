@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -99,11 +99,12 @@ class Ase(Ppo):
         ase: AseConfig,
         seed: int,
         device: str = "cpu",
+        critic_only: Mapping[str, int] | None = None,
     ) -> None:
         """Build everything; ``demonstrations(n)`` returns clean transitions (n, 2F), oldest frame
-        first.
+        first. The critic sees the groups ``critic_only`` besides.
         """
-        super().__init__(sizes, actions, num_worlds, ppo, networks, device)
+        super().__init__(sizes, actions, num_worlds, ppo, networks, device, critic_only)
         self.ase, self.demonstrations = ase, demonstrations
         dim = demonstrations(1).shape[-1]
         self.normalizer = TransitionNormalizer(dim // 2).to(device)

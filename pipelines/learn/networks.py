@@ -59,7 +59,7 @@ def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> ML
 
 
 def make_critic(sizes: dict[str, int], config: NetworkConfig) -> MLPModel:
-    """Critic over the same groups, one value per world."""
+    """Critic over the observation groups ``sizes``, one value per world."""
     return _model(sizes, 1, config.critic, config.activation, None)
 
 

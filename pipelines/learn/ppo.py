@@ -8,6 +8,7 @@ learns from is taken before a reset.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -109,13 +110,19 @@ class Ppo(PPO):
         config: PpoConfig,
         networks: NetworkConfig,
         device: str = "cpu",
+        critic_only: Mapping[str, int] | None = None,
     ) -> None:
-        """Build models and buffers for observation groups ``sizes`` (name -> width)."""
-        observations = example({**sizes, EXPLORE: 1}, num_worlds).to(device)
+        """Build models and buffers for observation groups ``sizes`` (name -> width).
+
+        The critic sees the groups ``critic_only`` besides (asymmetric actor-critic, Pinto et al.
+        2017): it is not needed where the policy runs, so it may see what no sensor tells.
+        """
+        critic_sizes = {**sizes, **(critic_only or {})}
+        observations = example({**critic_sizes, EXPLORE: 1}, num_worlds).to(device)
         storage = RolloutStorage("rl", num_worlds, config.horizon, observations, [actions], device)
         super().__init__(
             make_actor(sizes, actions, networks),
-            make_critic(sizes, networks),
+            make_critic(critic_sizes, networks),
             storage,
             learning_rate=config.learning_rate,
             gamma=config.gamma,

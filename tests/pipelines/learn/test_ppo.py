@@ -7,7 +7,9 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.pipelines.learn.networks import NetworkConfig, set_std
-from lacoloco.pipelines.learn.ppo import EXPLORE
+from lacoloco.pipelines.learn.ppo import EXPLORE, Ppo
+
+NETWORKS = NetworkConfig(actor=(16,), critic=(16,), init_std=0.5)
 
 NOBODY = torch.zeros(4, dtype=torch.bool)
 
@@ -302,3 +304,24 @@ def test_it_learns_what_to_do_and_what_it_is_worth(make_ppo):
     assert sum(rewards[:4]) / 4 < -0.6
     assert sum(rewards[-4:]) / 4 > -noise - 0.06
     assert set(metrics) >= {"surrogate", "value", "kl", "learning_rate", "explained_variance"}
+
+
+def test_a_critic_may_see_more_than_its_actor(make_ppo, observe):
+    """The value depends on the critic's own group, the action does not; both learn."""
+    torch.manual_seed(0)
+    ppo = Ppo({"policy": 3}, 2, 4, make_ppo().config, NETWORKS, critic_only={"secret": 2})
+
+    def view(worlds=4, seed=0, secret=0.0):
+        groups = {**observe(worlds, seed), "secret": torch.full((worlds, 2), secret)}
+        return TensorDict(groups, batch_size=[worlds])
+
+    with torch.no_grad():
+        seen, other = view(), view(secret=1.0)
+        assert torch.equal(ppo.actor(seen), ppo.actor(other))
+        assert not torch.allclose(value(ppo, seen), value(ppo, other))
+    before = [net.mlp[0].weight.clone() for net in (ppo.actor, ppo.critic)]
+    ppo.compute_returns(fill(ppo, view, rewards=1.0))
+    ppo.update()
+    for net, weight in zip((ppo.actor, ppo.critic), before, strict=True):
+        assert not torch.equal(net.mlp[0].weight, weight)
+    assert ppo.critic.obs_dim == 5 and ppo.actor.obs_dim == 3
