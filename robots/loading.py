@@ -16,6 +16,7 @@ from lacoloco.robots.numbers import (
     HindsightDistances,
     InverseDynamics,
     ObservationNoise,
+    OdometryDrift,
     SkillThresholds,
     Terminations,
     TrackingTolerances,
@@ -138,6 +139,7 @@ class RobotFile:
     mjcf: str = ""
     abduction_joints: tuple[str, ...] = ()
     observation_noise: ObservationNoise = field(default_factory=ObservationNoise)
+    odometry: OdometryDrift = field(default_factory=OdometryDrift)
     gait: Gait | None = None
     retargeting: RetargetingSection = field(default_factory=RetargetingSection)
 
@@ -248,6 +250,7 @@ def _spec(
         knee_frames=file.retargeting.knees,
         abduction_joints=file.abduction_joints,
         observation_noise=file.observation_noise,
+        odometry=file.odometry,
         skills=file.skills,
         tracking=file.tracking,
         hindsight=file.hindsight,

@@ -16,6 +16,7 @@ from lacoloco.robots.numbers import (
     HindsightDistances,
     InverseDynamics,
     ObservationNoise,
+    OdometryDrift,
     SkillThresholds,
     Terminations,
     TrackingTolerances,
@@ -74,6 +75,7 @@ class RobotSpec:
             missing stands on its origin.
         abduction_joints: Joints that move a leg sideways.
         observation_noise: Noise on a policy's view in training.
+        odometry: Errors of the odometry of a policy without motion capture.
         skills: What counts as a skill, and how near to a target is there.
         tracking: What a tracker may be off by.
         hindsight: Which targets a latent has served.
@@ -107,6 +109,7 @@ class RobotSpec:
     knee_frames: tuple[str, ...]
     abduction_joints: tuple[str, ...]
     observation_noise: ObservationNoise
+    odometry: OdometryDrift
     skills: SkillThresholds
     tracking: TrackingTolerances
     hindsight: HindsightDistances

@@ -53,6 +53,13 @@ class ClipStates:
         """(M,) control steps from each row to the last one of its clip."""
         return self.last - torch.arange(len(self.last), device=self.last.device)
 
+    @property
+    def before(self) -> torch.Tensor:
+        """(M,) row of the state one control step earlier; a clip's first follows itself."""
+        rows = torch.arange(len(self.last), device=self.last.device) - 1
+        rows[self.first] = self.first
+        return rows
+
     def flattened(self) -> FlattenedClips:
         """The style frames, as the skill embedding looks at them."""
         return FlattenedClips(

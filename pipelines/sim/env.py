@@ -25,15 +25,18 @@ from lacoloco.pipelines.sim.gait.clock import ASKED_SPEED
 from lacoloco.pipelines.sim.gait.guide import CLOCK_TERM, GaitGuide
 from lacoloco.pipelines.sim.initial_states import StandingStarts, clip_starts
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
+from lacoloco.pipelines.sim.observation import FULL, Observation
 from lacoloco.pipelines.sim.physics import CONTROL_DT, Physics, PhysicsRequest
 from lacoloco.pipelines.sim.randomisation import draw_parameters
 from lacoloco.pipelines.sim.state import RobotState, Term, style_frame
 from lacoloco.pipelines.sim.step import Step
 from lacoloco.pipelines.sim.tasks import Task
+from lacoloco.pipelines.sim.views import View, look, reading
 from lacoloco.robots.spec import RobotSpec
 
 if TYPE_CHECKING:
     from lacoloco.datasets.motion_library import MotionLibrary
+    from lacoloco.pipelines.sim.readings import Readings
 
 FALL_FORCE = 1.0
 """Newtons on a fall body that end an episode (the original's code)."""
@@ -54,8 +57,11 @@ class LeggedEnv:
         device: str = "cpu",
         motions: MotionLibrary | None = None,
         physics: Physics | None = None,
+        observation: Observation = FULL,
     ) -> None:
-        """Build the worlds, draw their parameters and start every episode."""
+        """Build the worlds, draw their parameters and start every episode; :meth:`observe` will
+        show what ``observation`` says.
+        """
         self.spec, self.task, self.num_worlds, self.motions = spec, task, num_worlds, motions
         limits, disturbed = task.training_limits, task.disturbances
         request = PhysicsRequest(spec, num_worlds, limits, disturbances=disturbed, seed=seed)
@@ -70,7 +76,7 @@ class LeggedEnv:
         self.num_actions = joints + task.memory
         self.guide: GaitGuide | None = None
         if task.gait:
-            terms = self._own_terms()
+            terms = self.all_terms
             self.guide = GaitGuide(spec, num_worlds, terms, self.device, reaches=task.has_target)
         self._starts = StandingStarts(spec, task.reset, self.generator, self.device)
         self._falls = slice(
@@ -82,7 +88,7 @@ class LeggedEnv:
             else torch.tensor(c.limit, device=self.device)
             for c in task.constraints
         }
-        self._noise = layouts.noise_scale(self._own_terms()).to(self.device)
+        self.noise_scale = layouts.noise_scale(self.all_terms).to(self.device)
         # What a trainer may give each world for itself; the same everywhere until then.
         self.noise = torch.full((num_worlds, 1), task.noise, device=self.device)
         self.episode_steps = torch.full((num_worlds,), task.episode_steps, device=self.device)
@@ -100,14 +106,28 @@ class LeggedEnv:
         )
         self.physics.set_parameters(self.parameters)
         self._end_effector: torch.Tensor | None = None
-        self.sensors = make_sensors(disturbed, self.physics, self._noise, seed)
+        self.sensors = make_sensors(disturbed, self.physics, self.noise_scale, seed)
+        self.readings: Readings | None = None
+        self.view: View | None = None
+        self.seed = seed
         self._read()
         self.reset(torch.ones(num_worlds, dtype=torch.bool, device=self.device))
+        if observation != FULL:
+            self.view = View(self, self.all_terms, observation)
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """Layout of :meth:`observe`."""
-        return self._own_terms() if self.guide is None else (*self._own_terms(), CLOCK_TERM)
+        if self.view is not None:
+            return self.view.terms
+        return self.all_terms if self.guide is None else (*self.all_terms, CLOCK_TERM)
+
+    @property
+    def all_terms(self) -> tuple[Term, ...]:
+        """Layout of all that policies may see of now, without a gait's clock."""
+        command = None if self.task.command is None else self.task.command.term
+        joints, noise = self.spec.num_joints, self.spec.observation_noise
+        return layouts.policy_terms(joints, noise, command, self.task.memory)
 
     @property
     def gait(self) -> GaitGuide:
@@ -167,6 +187,8 @@ class LeggedEnv:
         step = Step(self.frame(), reward, fell, timed_out, ~diverged, violations)
         self._push()
         self._resample()
+        if self.readings is not None:
+            self.readings.advance(reading(self), self.seen(on_board=True))
         return step
 
     def frame(self) -> torch.Tensor:
@@ -174,19 +196,16 @@ class LeggedEnv:
         return style_frame(self.state)
 
     def observe(self) -> torch.Tensor:
-        """(N, width of ``terms``) the policy's view: style frame, last action, command; with the
-        task's noise.
+        """(N, width of ``terms``) the policy's view, with the task's noise: style frame, last
+        action and command, or what the environment's observation makes of them.
         """
-        seen = self.state if self.sensors is None else self.sensors.reading(self.state)
-        parts = [style_frame(seen), self.action]
-        if self.task.command is not None:
-            parts.append(self.task.command.observe(self.command, seen))
-        clean = torch.cat(parts, dim=-1)
-        if self.task.noise != 0.0:
-            spread = self._uniform(*clean.shape) * 2.0 - 1.0
-            clean = clean + spread * (self._noise * self.noise)
-        clean = clean if self.sensors is None else self.sensors.look(clean)
-        return clean if self.guide is None else self.guide.observe(clean)
+        return look(self) if self.view is None else self.view()
+
+    def seen(self, *, on_board: bool = False) -> RobotState:
+        """The state as the sensors give it, those ``on_board`` alone: without motion capture."""
+        if self.sensors is None:
+            return self.state
+        return (self.sensors.reading_on_board if on_board else self.sensors.reading)(self.state)
 
     def reset(self, mask: torch.Tensor) -> None:
         """Start new episodes in the worlds of ``mask`` (N,) bool."""
@@ -218,6 +237,7 @@ class LeggedEnv:
         )
         if self.guide is not None:
             self._start_gait(self.guide, worlds)
+        self._restart_readings(worlds)
 
     def start_from(
         self, worlds: torch.Tensor, qpos: torch.Tensor, qvel: torch.Tensor, action: torch.Tensor
@@ -231,6 +251,7 @@ class LeggedEnv:
             self.guide.reset_history(worlds, self.state, self.physics.qpos)
         self.action = self.action.clone()
         put(self.action, worlds, action)
+        self._restart_readings(worlds)
 
     def redraw(self, mask: torch.Tensor) -> None:
         """Put other robots on other floors into the worlds of ``mask`` (N,) bool, where they are
@@ -299,10 +320,9 @@ class LeggedEnv:
         """Restore :meth:`state_dict`."""
         restore_state(self, state)
 
-    def _own_terms(self) -> tuple[Term, ...]:
-        command = None if self.task.command is None else self.task.command.term
-        joints, noise = self.spec.num_joints, self.spec.observation_noise
-        return layouts.policy_terms(joints, noise, command, self.task.memory)
+    def _restart_readings(self, worlds: torch.Tensor) -> None:
+        if self.readings is not None:
+            self.readings.restart(worlds, reading(self), self.seen(on_board=True))
 
     def _start_gait(self, guide: GaitGuide, worlds: torch.Tensor) -> None:
         """Rest the clocks of ``worlds``, and put a share of those told to walk into the gait."""

@@ -27,6 +27,7 @@ def state_of(env: LeggedEnv) -> dict[str, Any]:
         "diverged_total": env.diverged_total,
         **({} if env.guide is None else {"guide": env.guide.state_dict()}),
         **({} if env.sensors is None else {"sensors": env.sensors.state_dict()}),
+        **({} if env.readings is None else {"readings": env.readings.state_dict()}),
         **tensors,
     }
 
@@ -46,4 +47,6 @@ def restore_state(env: LeggedEnv, state: dict[str, Any]) -> None:
         env.guide.load_state_dict(state["guide"])
     if env.sensors is not None:
         env.sensors.load_state_dict(state["sensors"])
+    if env.readings is not None:
+        env.readings.load_state_dict(state["readings"])
     env._read()

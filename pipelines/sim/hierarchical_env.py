@@ -12,7 +12,9 @@ import torch
 
 from lacoloco.pipelines.sim import state as layouts
 from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.observation import FULL, Observation
 from lacoloco.pipelines.sim.state import Term
+from lacoloco.pipelines.sim.views import View, recorded_terms
 
 HOLD_STEPS = 5
 """Control steps for which one latent is held (paper: 10 Hz over 50 Hz)."""
@@ -72,8 +74,12 @@ class LatentSteeredEnv:
         env: LeggedEnv,
         low: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
         latent_dim: int,
+        low_sees: Observation = FULL,
+        high_sees: Observation = FULL,
     ) -> None:
-        """Wrap an environment; without a target, errors stay 0."""
+        """Wrap an environment; without a target, errors stay 0. Each level observes as it was
+        trained to.
+        """
         self.env, self.low = env, low
         self.num_worlds, self.device = env.num_worlds, env.device
         self.latent = torch.zeros(env.num_worlds, latent_dim, device=env.device)
@@ -86,11 +92,28 @@ class LatentSteeredEnv:
         self.limit = env.spec.foot_force_limit()
         self._frame = 10 + 2 * env.spec.num_joints
         self._low_width = self._frame + env.num_actions
+        self._low_view: View | None = None
+        self._high_view: View | None = None
+        if low_sees != FULL:
+            self._low_view = View(env, recorded_terms(env), low_sees)
+        if high_sees != FULL:
+            self._high_view = View(env, self.terms, high_sees)
+            self.terms = self._high_view.terms
 
     def observe(self) -> torch.Tensor:
-        """(N, width of ``terms``): noisy style frame, target in the base frame, last latent."""
+        """(N, width of ``terms``): noisy style frame, command (a target in the base frame), last
+        latent, or what the high level's observation makes of them.
+        """
+        if self._high_view is not None:
+            return self._high_view(self.latent)
         full = self.env.observe()
         return torch.cat((full[:, : self._frame], full[:, self._low_width :], self.latent), dim=-1)
+
+    def observe_low(self) -> torch.Tensor:
+        """(N, P) what the low level sees."""
+        if self._low_view is not None:
+            return self._low_view()
+        return self.env.observe()[:, : self._low_width]
 
     def step(self, z: torch.Tensor, on_step: Callable[[LeggedEnv], None] | None = None) -> Decision:
         """Hold unit latents (N, d) for five control steps; ``on_step`` sees the environment after
@@ -106,7 +129,7 @@ class LatentSteeredEnv:
         sampled = alive
         for _ in range(HOLD_STEPS):
             sampled = alive
-            step = env.step(self.low(env.observe()[:, : self._low_width], z))
+            step = env.step(self.low(self.observe_low(), z))
             reward += step.reward * alive / HOLD_STEPS
             if env.task.has_target:
                 error = torch.where(alive, env.target_error(), error)

@@ -21,8 +21,8 @@ CLEAN = ObservationNoise()
 
 @dataclass(frozen=True)
 class Term:
-    """One contiguous slice of an observation: name, width, unit, frame and training noise (uniform,
-    +-noise).
+    """One contiguous slice of an observation: name, width, unit, frame, training noise (uniform,
+    +-noise), and how many control steps ago it was read.
     """
 
     name: str
@@ -30,6 +30,7 @@ class Term:
     unit: str
     frame: str
     noise: float = 0.0
+    steps_ago: int = 0
 
 
 @dataclass
@@ -152,7 +153,9 @@ def noise_scale(terms: tuple[Term, ...]) -> torch.Tensor:
 
 
 def layout(terms: tuple[Term, ...]) -> list[dict[str, object]]:
-    """The layout as plain data with [start, stop) slices, for the metadata of exported policies."""
+    """The layout as plain data with [start, stop) slices, for the metadata of policies. A term that
+    was not read in this control step says ``steps_ago``.
+    """
     rows: list[dict[str, object]] = []
     start = 0
     for term in terms:
@@ -162,6 +165,7 @@ def layout(terms: tuple[Term, ...]) -> list[dict[str, object]]:
                 "slice": [start, start + term.size],
                 "unit": term.unit,
                 "frame": term.frame,
+                **({"steps_ago": term.steps_ago} if term.steps_ago else {}),
             }
         )
         start += term.size

@@ -7,7 +7,7 @@ an IMU, joints from encoders.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch
@@ -112,6 +112,14 @@ class Sensors:
     def reading(self, state: RobotState) -> RobotState:
         """What the sensors say; the state itself where they only have noise."""
         return state if self._traced is None else self._reading
+
+    def reading_on_board(self, state: RobotState) -> RobotState:
+        """The same with a position that comes from IMU and joints, as late as they are, and not
+        from motion capture.
+        """
+        if self._traced is None:
+            return state
+        return replace(self._reading, root_pos=self._joints_and_base[:, :3])
 
     def look(self, observation: torch.Tensor) -> torch.Tensor:
         """An observation (N, width) with noise."""
