@@ -34,6 +34,9 @@ class CloningData:
         action_noise: standard deviation added to ``previous``; more than exploration will add,
             because a policy that may trust its last action repeats it and never leaves a standing
             start.
+        before: (M,) row one step earlier, a row itself where there is none; needed for a history.
+        history: how many readings the policy sees, that of now included.
+        columns: (P,) columns that it sees of them, one behind the other; None: all.
     """
 
     frames: torch.Tensor
@@ -41,20 +44,45 @@ class CloningData:
     actions: torch.Tensor
     noise: torch.Tensor
     action_noise: float = 0.12
+    before: torch.Tensor | None = None
+    history: int = 1
+    columns: torch.Tensor | None = None
 
     def extended(
-        self, frames: torch.Tensor, previous: torch.Tensor, actions: torch.Tensor
+        self,
+        frames: torch.Tensor,
+        previous: torch.Tensor,
+        actions: torch.Tensor,
+        before: torch.Tensor,
     ) -> CloningData:
-        """The same with further rows after it."""
+        """The same with further rows after it; ``before`` counts from the first of those."""
+        joined = self.before
+        if joined is not None:
+            joined = torch.cat((joined, len(self.frames) + before))
         return replace(
             self,
+            before=joined,
             frames=torch.cat((self.frames, frames)),
             previous=torch.cat((self.previous, previous)),
             actions=torch.cat((self.actions, actions)),
         )
 
     def observe(self, rows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-        """(n, F + A) noisy observations: the fitted policy must forgive what it will meet."""
+        """(n, P) noisy observations: the fitted policy must forgive what it will meet."""
+        readings = [self._reading(rows, generator)]
+        for _ in range(1, self.history):
+            assert self.before is not None
+            rows = self.before[rows]
+            readings.append(self._reading(rows, generator))
+        return self.view(torch.cat(readings, dim=-1))
+
+    def view(self, readings: torch.Tensor) -> torch.Tensor:
+        """(n, P) what the policy sees of ``history`` readings (n, history (F + A)), newest
+        first.
+        """
+        return readings if self.columns is None else readings[:, self.columns]
+
+    def _reading(self, rows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         last = self.previous[rows]
         last = last + self.action_noise * torch.randn(
             last.shape, generator=generator, device=generator.device

@@ -56,7 +56,8 @@ class Cloning:
         """
         data = self._data
         if self._asked is not None:
-            data = data.extended(self._asked.frames, self._asked.previous, self._asked.actions)
+            asked = self._asked
+            data = data.extended(asked.frames, asked.previous, asked.actions, asked.before)
         return clone(
             actor,
             self._embedding,
@@ -93,11 +94,11 @@ class Cloning:
             latents = self._embedding(windows)
             if self._latent_noise:
                 latents = project(latents + apart[windows % HELD_NOISE])
-            groups = {POLICY: observation, LATENT: latents}
+            groups = {POLICY: self._data.view(observation), LATENT: latents}
             mean: torch.Tensor = actor(groups)
             return mean
 
-        new, falls = labels.collect(student, noise, action_noise)
+        new, falls = labels.collect(student, noise, action_noise, self._data.history)
         self._asked = new if self._asked is None else LabelledStates.joined([self._asked, new])
         return falls
 

@@ -74,7 +74,7 @@ class ExpertLabels:
             )
 
     def collect(
-        self, student: Student, noise: torch.Tensor, action_noise: float
+        self, student: Student, noise: torch.Tensor, action_noise: float, history: int = 1
     ) -> tuple[LabelledStates, float]:
         """Let the policy move by itself and ask every expert at every step; see
         :meth:`~lacoloco.pipelines.low_level.expert_worlds.ExpertWorlds.collect`.
@@ -83,7 +83,8 @@ class ExpertLabels:
             The states, and falls per 1000 steps.
         """
         collected = [
-            worlds.collect(student, noise, action_noise) for worlds in self.experts.values()
+            worlds.collect(student, noise, action_noise, history)
+            for worlds in self.experts.values()
         ]
         states, steps, falls = zip(*collected, strict=True)
         return LabelledStates.joined(list(states)), 1000.0 * sum(falls) / sum(steps)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import torch
 
@@ -12,14 +13,15 @@ from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.clip_actions import ClipStates, infer_actions, with_memory
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
+from lacoloco.pipelines.sim.readings import Record
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.pipelines.sim.step import Step
 from lacoloco.pipelines.sim.tasks import Task, load_task
 from lacoloco.robots.spec import RobotSpec
 
 Student = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
-"""(N, F + A) observations and (N,) rows of the clips -> (N, A) mean actions under the latents of
-those rows.
+"""(N, history (F + A)) readings, newest first, and (N,) rows of the clips -> (N, A) mean actions
+under the latents of those rows.
 """
 LOST_STEPS = 20
 """Control steps before a fall in which nothing could be saved any more."""
@@ -34,12 +36,15 @@ class LabelledStates:
         previous: (n, A) actions before, in units of the imitation task, and its memory.
         actions: (n, A) the expert's actions, likewise.
         rows: (n,) rows of the clips that the policy was performing.
+        before: (n,) which of these states was one control step earlier; a state itself where the
+            one before it does not count.
     """
 
     frames: torch.Tensor
     previous: torch.Tensor
     actions: torch.Tensor
     rows: torch.Tensor
+    before: torch.Tensor
 
     def __len__(self) -> int:
         """Number of states n."""
@@ -49,7 +54,10 @@ class LabelledStates:
     def joined(cls, parts: list[LabelledStates]) -> LabelledStates:
         """All of them."""
         names = ("frames", "previous", "actions", "rows")
-        return cls(**{name: torch.cat([getattr(part, name) for part in parts]) for name in names})
+        joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in names}
+        firsts = accumulate((len(part) for part in parts), initial=0)
+        before = [first + part.before for first, part in zip(firsts, parts, strict=False)]
+        return cls(**joined, before=torch.cat(before))
 
 
 @dataclass(frozen=True)
@@ -117,7 +125,7 @@ class ExpertWorlds:
         self._last_action = torch.zeros_like(self._previous[self._row])
 
     def collect(
-        self, student: Student, noise: torch.Tensor, action_noise: float
+        self, student: Student, noise: torch.Tensor, action_noise: float, history: int = 1
     ) -> tuple[LabelledStates, int, int]:
         """Let the policy move for as long as the shortest clip, and ask the expert.
 
@@ -129,6 +137,7 @@ class ExpertWorlds:
             student: The policy.
             noise: (F + A,) half-ranges of the uniform noise on what it sees.
             action_noise: Standard deviation of the noise on its actions.
+            history: How many readings it sees, that of now included.
 
         Returns:
             The states; how many steps there were; how many robots fell.
@@ -138,22 +147,31 @@ class ExpertWorlds:
         handover = steps * self._uniform() * (self._uniform() < 0.5)
         self._begin(torch.ones_like(self._performs))
         kept, counted, falls = [], [], torch.zeros((), dtype=torch.long, device=env.device)
+        record: Record | None = None
+        began = [torch.ones_like(self._performs)]
         for step in range(steps):
             frame, last, row = style_frame(env.state), self._last_action, self._row
             speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
             counted.append(~self._watched.stops[row] | (speed > self._rests))
             observation = torch.cat((frame, last), dim=-1)
-            own = student(observation + noise * (2.0 * self._like(observation) - 1.0), row)
+            observation = observation + noise * (2.0 * self._like(observation) - 1.0)
+            record = record or Record(observation, history)
+            record.push(observation)
+            record.restart(began[-1], observation)
+            own = student(record.latest(history), row)
             own = own + action_noise * self._like(own, torch.randn)
             own = own.masked_fill((step < handover)[:, None], torch.nan)
             outcome, asked, self._last_action = self._step(own)
             kept.append((frame, last, asked, row))
             falls += outcome.fell.sum()
+            began.append(outcome.fell)
             for lost in counted[-LOST_STEPS:]:
                 lost &= ~outcome.fell
             self._go_on(outcome.fell)
         known = torch.cat(counted)
-        joined = LabelledStates(*(torch.cat(column)[known] for column in zip(*kept, strict=True)))
+        columns = [torch.cat(column)[known] for column in zip(*kept, strict=True)]
+        columns.append(_states_before(known, torch.stack(began[:-1])))
+        joined = LabelledStates(*columns)
         return joined, steps * env.num_worlds, int(falls)
 
     def _step(self, own: torch.Tensor) -> tuple[Step, torch.Tensor, torch.Tensor]:
@@ -234,6 +252,17 @@ class ExpertWorlds:
         self, values: torch.Tensor, draw: Callable[..., torch.Tensor] = torch.rand
     ) -> torch.Tensor:
         return draw(values.shape, generator=self._generator, device=values.device)
+
+
+def _states_before(known: torch.Tensor, began: torch.Tensor) -> torch.Tensor:
+    """(n,) for each of the n ``known`` (T N,) states of N worlds over T steps the number of the one
+    a step earlier; its own where its world ``began`` (T, N) there, or that one is not known.
+    """
+    number = known.cumsum(dim=0) - 1
+    rows = torch.nonzero(known).flatten()
+    earlier = (rows - began.shape[1]).clamp(min=0)
+    follows = ~began.flatten()[rows] & known[earlier]
+    return torch.where(follows, number[earlier], number[rows])
 
 
 def _performed(task: Task, imitate: Task) -> Task:

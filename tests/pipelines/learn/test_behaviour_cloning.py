@@ -69,3 +69,24 @@ def test_the_latents_of_the_clips_are_uniform(cloned):
         torch.randn(1000, 3, generator=torch.Generator().manual_seed(4)), dim=-1
     )
     assert float(uniformity(z.detach())) < 0.9 * float(uniformity(even))
+
+
+def test_a_history_is_that_of_the_same_clip_with_its_own_columns():
+    """Two clips of three rows; frames count rows, actions before are negative."""
+    frames, previous = torch.arange(6.0)[:, None], -torch.arange(6.0)[:, None]
+    before = torch.tensor([0, 0, 1, 3, 3, 4])
+    data = CloningData(
+        frames,
+        previous,
+        torch.zeros(6, 1),
+        torch.zeros(2),
+        action_noise=0.0,
+        before=before,
+        history=3,
+        columns=torch.tensor([0, 2, 4, 5]),
+    )
+    seen = data.observe(torch.tensor([2, 4, 3]), torch.Generator().manual_seed(0))
+    assert seen.tolist() == [[2, 1, 0, 0], [4, 3, 3, -3], [3, 3, 3, -3]]
+    more = data.extended(10.0 + frames[:2], previous[:2], torch.zeros(2, 1), torch.tensor([0, 0]))
+    seen = more.observe(torch.tensor([7]), torch.Generator().manual_seed(0))
+    assert seen.tolist() == [[11, 10, 10, 0]]

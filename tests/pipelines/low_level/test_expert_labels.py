@@ -14,6 +14,7 @@ from lacoloco.pipelines.generation.config import smoke_expert
 from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
 from lacoloco.pipelines.generation.recorder import record
 from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
+from lacoloco.pipelines.low_level.expert_worlds import _states_before
 from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, with_memory
 from lacoloco.pipelines.sim.gait.clock import MEMORY, MEMORY_UNIT
@@ -132,6 +133,35 @@ def test_a_policy_is_asked_with_the_noise_of_training(robot, recorded):
     assert off[:, 2:].abs().max() == 0.0 and 0.02 < off[:, 1].abs().max() <= 0.05
     own = told.previous[(told.previous.abs() < 0.1).all(dim=1)]
     assert 0.01 < own[own != 0.0].std() < 0.03
+
+
+def test_states_know_which_one_was_before():
+    """Three steps of two worlds; the second begins anew in the last step, and one is not known."""
+    began = torch.tensor([[True, True], [False, False], [False, True]])
+    known = torch.tensor([True, True, False, True, True, True])
+    assert _states_before(known, began).tolist() == [0, 1, 1, 3, 4]
+
+
+def test_a_policy_is_asked_with_its_history(solo12, recorded):
+    clips, experts = recorded
+    if clips[0].joint_names != solo12.joint_names:
+        pytest.skip("one robot is enough")
+    labels, _ = labels_for(solo12, clips, experts)
+    seen, width = [], 10 + 3 * solo12.num_joints
+
+    def student(readings, rows):
+        seen.append(readings)
+        return 0.1 * torch.randn(len(rows), solo12.num_joints)
+
+    told, _ = labels.collect(student, torch.zeros(width), 0.0, history=2)
+    assert torch.equal(seen[0][:, :width], seen[0][:, width:])
+    assert torch.equal(seen[1][:, width:], seen[0][:, :width])
+    moved = told.before != torch.arange(len(told))
+    assert moved.any()
+    shown = torch.cat(seen)
+    clean = torch.cat((told.frames, told.previous), dim=1)
+    both = torch.cat((clean, clean[told.before]), dim=1)
+    assert torch.equal(shown, both)
 
 
 def test_an_expert_leads_the_arm_on_from_where_the_policy_has_it(h1, walks_and_reaches):
