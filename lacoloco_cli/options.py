@@ -71,6 +71,15 @@ Checkpoint = Annotated[
         help="Go on from a checkpoint, perhaps of another machine, with its settings and seed.",
     ),
 ]
+Observe = Annotated[
+    str | None,
+    typer.Option(
+        "--observe",
+        metavar="full|onboard",
+        help="What the policy sees: all, or IMU, joints and an odometry only (no motion capture);"
+        " default: full, for a high level as its low level.",
+    ),
+]
 Seeds = Annotated[
     int,
     typer.Option("--seeds", min=1, max=1000, help="How many seeds, counted up from --seed."),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import typer
 
@@ -15,7 +15,12 @@ from lacoloco_cli.overrides import restored
 from lacoloco_cli.session import Config, Session, check_device, path_text
 
 if TYPE_CHECKING:
+    from lacoloco.pipelines.high_level.config import TrainHighConfig
+    from lacoloco.pipelines.low_level.config import TrainLowConfig
+    from lacoloco.pipelines.sim.observation import Measured
     from lacoloco.pipelines.stage import StageContext, StageResult
+
+Trained = TypeVar("Trained", "TrainLowConfig", "TrainHighConfig")
 
 SPEED = ("samples", "samples_per_second", "seconds")
 
@@ -75,6 +80,21 @@ def taken_over(session: Session, checkpoint: Path, template: Config) -> Config:
         return restored(template, header.config)
     except ArtifactError as error:
         raise UserError(f"{alien} ({error})") from error
+
+
+def observing(config: Trained, observe: str | None) -> Trained:
+    """The config of a training whose policy observes what `--observe` says; as it was without.
+
+    Raises:
+        UserError: Neither full nor onboard.
+    """
+    if observe is None:
+        return config
+    if observe not in ("full", "onboard"):
+        raise UserError(f"--observe {observe}: use full or onboard")
+    measured = cast("Measured", observe)
+    observation = replace(config.observation, measured=measured)
+    return replace(config, observation=observation)
 
 
 def contexts(session: Session, count: int) -> Iterator[StageContext]:

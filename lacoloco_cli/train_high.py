@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lacoloco_cli.options import Checkpoint, Seeds
-from lacoloco_cli.seeds import taken_over, train_seeds
+from lacoloco_cli.options import Checkpoint, Observe, Seeds
+from lacoloco_cli.seeds import observing, taken_over, train_seeds
 from lacoloco_cli.session import Session, verb
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def train_high(
             help="File of the task to train on (robots/README.md); default: the robot's reach.",
         ),
     ] = None,
+    observe: Observe = None,
     checkpoint: Checkpoint = None,
     seeds: Seeds = 1,
 ) -> None:
@@ -44,6 +45,7 @@ def train_high(
 
     config = session.config(stage.PRESETS)
     low = resolve(low) if low else None
+    config = observing(config, observe)
     if checkpoint is not None:
         config = taken_over(session, checkpoint, stage.TrainHighConfig())
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from lacoloco_cli.failures import UserError
-from lacoloco_cli.options import Checkpoint, Seeds
-from lacoloco_cli.seeds import taken_over, train_seeds
+from lacoloco_cli.options import Checkpoint, Observe, Seeds
+from lacoloco_cli.seeds import observing, taken_over, train_seeds
 from lacoloco_cli.session import Session, verb
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def train_low(
         list[Path] | None,
         typer.Option("--motions", help="Motions, or their published name; may be repeated."),
     ] = None,
+    observe: Observe = None,
     checkpoint: Checkpoint = None,
     seeds: Seeds = 1,
 ) -> None:
@@ -51,6 +52,7 @@ def train_low(
         config = replace(config, ase=replace(config.ase, discriminator=chosen))
     if cat is not None:
         config = replace(config, cat=cat)
+    config = observing(config, observe)
     if checkpoint is not None:
         config = taken_over(session, checkpoint, stage.TrainLowConfig())
     motions = motions or session.begun_inputs() or newest_motions(session)

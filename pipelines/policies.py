@@ -4,7 +4,7 @@ used.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -22,6 +22,9 @@ from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.robot import record_of
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
+from lacoloco.pipelines.sim.observation import FULL, Observation, observation_of
 from lacoloco.pipelines.sim.tasks import Task, load_task, task_from_text
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.robots.spec import RobotSpec
@@ -38,7 +41,8 @@ class Head:
         sizes: observation group -> width.
         actions: number of outputs.
         networks: hidden layers and activation.
-        layout: the columns of the group ``policy`` (see ``sim.state.layout``).
+        layout: the columns of the group ``policy`` (see ``sim.state.layout``). It says what is
+            observed, and so what an environment has to show.
         task: name of the task that it was trained on.
     """
 
@@ -48,6 +52,11 @@ class Head:
     networks: NetworkConfig
     layout: list[dict[str, Any]]
     task: str
+
+    @property
+    def observation(self) -> Observation:
+        """What it observes, as its layout says."""
+        return observation_of(self.layout)
 
 
 @dataclass(frozen=True)
@@ -63,6 +72,15 @@ class Policy:
     def __call__(self, *groups: torch.Tensor) -> torch.Tensor:
         """(N, width) per group -> (N, actions) mean actions."""
         return self.actor(dict(zip(self.head.sizes, groups, strict=True)))
+
+
+def steered(env: LeggedEnv, policies: Mapping[str, Policy]) -> LatentSteeredEnv:
+    """An environment that is driven through the low level of these policies. Both levels see what
+    they were trained with; without a ``high`` one, all is to be seen.
+    """
+    low = policies["low"]
+    high_sees = policies["high"].head.observation if "high" in policies else FULL
+    return LatentSteeredEnv(env, low, low.head.sizes["latent"], low.head.observation, high_sees)
 
 
 def save_policies(
@@ -164,6 +182,7 @@ def _head(data: dict[str, Any]) -> Head:
         raise ValueError(f"widths {widths} of a network's ends")
     if not isinstance(head.layout, list) or not isinstance(head.task, str):
         raise TypeError("layout or task is of another type")
+    observation_of(head.layout)
     return head
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lacoloco.datasets.artifact import Header, read_header
+from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.work import Work
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import play_episodes
@@ -25,6 +26,7 @@ from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.robot import record_of, robot_of
 from lacoloco.pipelines.sim.commands import TargetCommand, VelocityCommand
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
+from lacoloco.pipelines.sim.observation import Measured, Observation, observation_of
 from lacoloco.pipelines.sim.tasks import Task, load_task, load_task_file
 from lacoloco.pipelines.stage import StageContext, StageResult
 from lacoloco.pipelines.training.diagnostics import high_level_warnings
@@ -91,6 +93,7 @@ def run(
     spec = robot_of(artifact, context.progress.say)
     method = artifact.metadata["method"]
     config = resolved(config, artifact)
+    _check_observation(config, policies["low"], low)
     mine = shared(config)
 
     rules = load_task_file(spec, task) if task else load_task(spec, "reach")
@@ -140,7 +143,29 @@ def work(
 
 def resolved(config: TrainHighConfig, low: Header) -> TrainHighConfig:
     """The config with the defaults that follow from its low level."""
+    usual: Measured = "onboard" if _observation_of(low).onboard else "full"
+    config = replace(config, observation=config.observation.resolved(usual))
     return with_contact_force_penalty(config, was_constrained(low))
+
+
+def _observation_of(low: Header) -> Observation:
+    """What the low level in an artifact observes.
+
+    Raises:
+        ArtifactError: It does not say.
+    """
+    try:
+        return observation_of(low.metadata["heads"]["low"]["layout"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ArtifactError(f"{low.path}: holds no low level; name another artifact") from error
+
+
+def _check_observation(config: TrainHighConfig, low: Policy, path: Path) -> None:
+    if config.observation.measured == "onboard" and not low.head.observation.onboard:
+        raise StageError(
+            f"{path}: this low level observes height and linear velocity of the base; train one"
+            " with `lacoloco train-low --observe onboard`, or leave out --observe"
+        )
 
 
 def was_constrained(low: Header) -> bool:

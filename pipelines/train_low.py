@@ -116,6 +116,7 @@ def run(config: TrainLowConfig, context: StageContext, *, motions: Sequence[Path
         ArtifactError: an input is missing or damaged.
     """
     clips, spec = load_motions(motions, context.progress.say)
+    config = resolved(config)
     mine = replace(shared(config), expert_rounds=expert_rounds(config, clips, spec))
     shares = dict(config.skill_shares)
     library = MotionLibrary(
@@ -184,7 +185,12 @@ def work(
         StageError: the artifacts hold clips of different robots.
         ArtifactError: an input is missing or damaged.
     """
-    return context.work(config, record_of(robot or robot_of_all(motions)), motions)
+    return context.work(resolved(config), record_of(robot or robot_of_all(motions)), motions)
+
+
+def resolved(config: TrainLowConfig) -> TrainLowConfig:
+    """The config with the defaults that follow from what is measured."""
+    return replace(config, observation=config.observation.resolved())
 
 
 def shared(config: TrainLowConfig) -> TrainLowConfig:

@@ -17,9 +17,9 @@ from lacoloco.pipelines.evaluation.failure_analysis import (
 )
 from lacoloco.pipelines.evaluation.intervals import Estimator, bootstrap, unanimous
 from lacoloco.pipelines.learn.latents import project
-from lacoloco.pipelines.policies import Policy
+from lacoloco.pipelines.policies import Policy, steered
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.randomisation import Randomisation
 from lacoloco.pipelines.sim.tasks import Task, load_task
 from lacoloco.pipelines.stage import SILENT, Progress
@@ -224,7 +224,7 @@ def _play(
     spec: RobotSpec, task: Task, policies: Mapping[str, Policy], worlds: int, seed: int, device: str
 ) -> Episodes:
     base = LeggedEnv(spec, task, worlds, seed=seed, device=device)
-    env = LatentSteeredEnv(base, policies["low"], policies["low"].head.sizes["latent"])
+    env = steered(base, policies)
     generator = torch.Generator().manual_seed(seed)
     given = {name: values.cpu().numpy().copy() for name, values in episode_parameters(base).items()}
     alive = torch.ones(worlds, dtype=torch.bool, device=env.device)

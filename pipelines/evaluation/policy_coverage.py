@@ -39,5 +39,8 @@ def policy_coverage(
     library = MotionLibrary(
         clips, weighting="skill" if shares else "duration", skill_shares=shares or None
     )
-    coverage = SkillCoverage(spec, library, latents=latents, seed=seed)
-    return coverage.cells(policies["low"])
+    low = policies["low"]
+    coverage = SkillCoverage(
+        spec, library, latents=latents, seed=seed, observation=low.head.observation
+    )
+    return coverage.cells(low)

@@ -43,7 +43,8 @@ def latent_switching_robustness(
         reset=ResetConfig(),
         randomisation=load_task(spec, "reach").randomisation,
     )
-    env = LeggedEnv(spec, task, worlds, seed=seed, device=device)
+    sees = policy.head.observation
+    env = LeggedEnv(spec, task, worlds, seed=seed, device=device, observation=sees)
     latents = LatentSchedule(
         worlds, LatentConfig(dim=policy.head.sizes["latent"]), seed=seed, device=device
     )

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 
 from lacoloco.pipelines.learn.latents import LatentConfig, LatentSchedule, project
-from lacoloco.pipelines.policies import load_policies, task_of
+from lacoloco.pipelines.policies import load_policies, steered, task_of
 from lacoloco.pipelines.robot import robot_of
 from lacoloco.pipelines.sim.disturbances.config import UNDISTURBED
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task
@@ -32,6 +32,8 @@ class ReachRecording:
         low_obs: (T E, P) low-level observations, step by step, with ``latent`` (T E, d) the latents
             beside them.
         high_obs: (T E / 5, H) high-level observations, decision by decision.
+        frame: (E, T, 10 + 2J) clean style frame.
+        action: (E, T, J) raw actions of the joints.
         fell: (E,) bool.
     """
 
@@ -43,6 +45,8 @@ class ReachRecording:
     low_obs: np.ndarray
     latent: np.ndarray
     high_obs: np.ndarray
+    frame: np.ndarray
+    action: np.ndarray
     fell: np.ndarray
     robot: str
     fps: float = 1.0 / CONTROL_DT
@@ -83,7 +87,7 @@ def record_low(
         randomisation=NO_RANDOMISATION,
         reset=ResetConfig(heading=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0)),
     )
-    env = LeggedEnv(spec, task, episodes, seed=seed)
+    env = LeggedEnv(spec, task, episodes, seed=seed, observation=low.head.observation)
     steps = max(1, round(seconds / CONTROL_DT))
     held = (
         LatentConfig(low.head.sizes["latent"])
@@ -126,13 +130,10 @@ def record_reach(
         randomisation=NO_RANDOMISATION,
         disturbances=UNDISTURBED,
     )
-    env = LatentSteeredEnv(
-        LeggedEnv(spec, task, episodes, seed=seed),
-        policies["low"],
-        policies["low"].head.sizes["latent"],
-    )
+    env = steered(LeggedEnv(spec, task, episodes, seed=seed), policies)
     rows: dict[str, list[torch.Tensor]] = {
-        name: [] for name in ("qpos", "target", "end_effector", "contact", "steering")
+        name: []
+        for name in ("qpos", "target", "end_effector", "contact", "steering", "frame", "action")
     }
     low_obs, high_obs = [], []
     fell = torch.zeros(episodes, dtype=torch.bool)
@@ -144,10 +145,12 @@ def record_reach(
             base.end_effector(),
             base.feet.contact,
             env.latent,
+            base.frame(),
+            base.action[:, : spec.num_joints],
         )
         for name, value in zip(rows, values, strict=True):
             rows[name].append(value)
-        low_obs.append(base.observe()[:, : policies["low"].head.sizes["policy"]])
+        low_obs.append(env.observe_low())
 
     for _ in range(max(1, round(seconds / CONTROL_DT / HOLD_STEPS))):
         high_obs.append(env.observe())
@@ -161,6 +164,8 @@ def record_reach(
         low_obs=torch.cat(low_obs).numpy(),
         latent=torch.cat(rows["steering"]).numpy(),
         high_obs=torch.cat(high_obs).numpy(),
+        frame=_stacked(rows["frame"]),
+        action=_stacked(rows["action"]),
         fell=fell.numpy(),
         robot=spec.name,
     )

@@ -21,6 +21,7 @@ from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.kinematics import EndEffectorChain
+from lacoloco.pipelines.sim.observation import FULL, Observation
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.state import RobotState, style_frame
@@ -103,12 +104,13 @@ class SkillCoverage:
         latents: int = 256,
         seconds: float = 3.0,
         seed: int = 0,
+        observation: Observation = FULL,
     ) -> None:
         """Let ``latents`` robots stand and look at the clips once; a latent will be held for
-        ``seconds``.
+        ``seconds``, and policies see what ``observation`` says.
         """
         self.seed, self.steps = seed, round(seconds / CONTROL_DT)
-        self.env = _standing_env(spec, latents, seed, library.device)
+        self.env = _standing_env(spec, latents, seed, library.device, observation)
         self._start = deepcopy(self.env.state_dict())
         self._standing_height = float(self.env.end_effector()[:, 2].mean())
         self._standing_frame = self.env.frame().mean(dim=0)
@@ -235,7 +237,9 @@ def _behaviour(
     )
 
 
-def _standing_env(spec: RobotSpec, worlds: int, seed: int, device: torch.device) -> LeggedEnv:
+def _standing_env(
+    spec: RobotSpec, worlds: int, seed: int, device: torch.device, observation: Observation
+) -> LeggedEnv:
     still = ResetConfig(clip_share=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0))
     task = replace(
         imitate_task(spec, constrained=False),
@@ -244,4 +248,4 @@ def _standing_env(spec: RobotSpec, worlds: int, seed: int, device: torch.device)
         reset=still,
         randomisation=NO_RANDOMISATION,
     )
-    return LeggedEnv(spec, task, worlds, seed=seed, device=str(device))
+    return LeggedEnv(spec, task, worlds, seed=seed, device=str(device), observation=observation)

@@ -85,17 +85,15 @@ class Switching:
 
 
 def compare(played: ReachRecording, nearest: NearestClip) -> Switching:
-    """Find the nearest skill of every step; the clean style frame is how a low-level observation
-    begins.
+    """Find the nearest skill of every step by its clean style frame.
 
     Raises:
         StageError: The task has no target.
     """
     if played.target is None:
         raise StageError("the policy's task has no target, so there is no reaching to count")
-    episodes, steps, joints = len(played.fell), played.qpos.shape[1], played.qpos.shape[2] - 7
-    observed = played.low_obs.reshape(steps, episodes, -1)[:, :, : 10 + 2 * joints].swapaxes(0, 1)
-    flat = torch.from_numpy(np.ascontiguousarray(observed)).flatten(0, 1)
+    episodes, steps = played.frame.shape[:2]
+    flat = torch.from_numpy(played.frame).flatten(0, 1)
     distances = nearest.distances(flat).numpy().reshape(episodes, steps, -1)
     error = np.linalg.norm(played.end_effector - played.target, axis=-1)
     index = distances.argmin(axis=-1).astype(np.uint8)

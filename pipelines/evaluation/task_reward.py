@@ -8,9 +8,9 @@ from dataclasses import replace
 import torch
 
 from lacoloco.pipelines.learn.latents import project
-from lacoloco.pipelines.policies import Policy
+from lacoloco.pipelines.policies import Policy, steered
 from lacoloco.pipelines.sim.env import LeggedEnv
-from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, LatentSteeredEnv
+from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.tasks import Task
 from lacoloco.robots.spec import RobotSpec
@@ -37,9 +37,7 @@ def task_reward(
         ``contact_violation_original_pct``, the same by the original's estimator, per foot [%].
     """
     task = replace(task, noise=0.0, training_limits=False)
-    low = policies["low"]
-    base = LeggedEnv(spec, task, episodes, seed=seed, device=device)
-    env = LatentSteeredEnv(base, low, low.head.sizes["latent"])
+    env = steered(LeggedEnv(spec, task, episodes, seed=seed, device=device), policies)
     generator = torch.Generator().manual_seed(seed)
     alive = torch.ones(episodes, dtype=torch.bool, device=env.device)
     fell, diverged = torch.zeros_like(alive), torch.zeros_like(alive)

@@ -24,6 +24,8 @@ import numpy as np
 import onnxruntime
 
 Array = np.ndarray
+OWN = ("last_action", "last_memory", "last_latent")
+"""Terms that the controller remembers itself."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,10 @@ class Sensors:
         joint_vel: (J,) [rad/s].
         base_quat: (4,) rotation from base to world, w x y z.
         base_ang_vel: (3,) in the base frame [rad/s].
-        base_pos: (3,) of the base in the world, z above the floor [m]. Needs an estimator.
-        base_lin_vel: (3,) in the base frame [m/s]. Needs an estimator.
+        base_pos: (3,) of the base in the world, z above the floor [m]. A policy that observes
+            neither height nor velocity only needs an odometry: where the base has come to in the
+            frame of the goal, as ``base_quat`` has its heading. None: not measured.
+        base_lin_vel: (3,) in the base frame [m/s]. Needs an estimator. None: not measured.
     """
 
     time: float
@@ -45,12 +49,13 @@ class Sensors:
     joint_vel: Array
     base_quat: Array
     base_ang_vel: Array
-    base_pos: Array
-    base_lin_vel: Array
+    base_pos: Array | None = None
+    base_lin_vel: Array | None = None
 
     def finite(self) -> bool:
         """Whether every number is one."""
-        return all(bool(np.isfinite(value).all()) for value in vars(self).values())
+        measured = [value for value in vars(self).values() if value is not None]
+        return all(bool(np.isfinite(value).all()) for value in measured)
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,13 @@ class Controller:
             )
             for level in ("low", "high")
         }
+        self._terms: dict[str, list[dict[str, Any]]] = {
+            level: described["observation_terms"]
+            for level, described in self.policy["levels"].items()
+        }
+        every = [term for terms in self._terms.values() for term in terms]
+        self._oldest = max(term.get("steps_ago", 0) for term in every)
+        self._needed = {term["name"] for term in every} - set(OWN)
         self._safety = safety or Safety()
         self._default, self._stiffness, self._damping = (
             np.array(self.policy[key], dtype=np.float32)
@@ -132,8 +144,9 @@ class Controller:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last action and the last latent, as at the start of an episode."""
+        """Forget all actions, latents and readings, as at the start of an episode."""
         self._steps = 0
+        self._readings: list[Mapping[str, Array]] = []
         self._answer = np.zeros(self.policy["levels"]["low"]["output_size"], dtype=np.float32)
         self._latent = np.zeros(self.policy["latent_size"], dtype=np.float32)
 
@@ -179,22 +192,27 @@ class Controller:
             "last_memory": self._answer[len(self._default) :],
             "last_latent": self._latent,
         }
+        self._readings = [values, *self._readings[: self._oldest]]
         if self._steps % self.policy["latent_hold_steps"] == 0:
-            self._latent = self._infer("high", values)
+            self._latent = self._infer("high")
         self._steps += 1
-        self._answer = self._infer("low", values)
+        self._answer = self._infer("low")
         action = self._answer[: len(self._default)]
         target_pos: Array = self._default + self.policy["action_scale"] * action
         return target_pos
 
-    def _infer(self, level: str, values: Mapping[str, Array]) -> Array:
-        terms = self.policy["levels"][level]["observation_terms"]
-        observation = np.concatenate([np.ravel(values[term["name"]]) for term in terms])
+    def _infer(self, level: str) -> Array:
+        observation = np.concatenate([np.ravel(self._read(term)) for term in self._terms[level]])
         inputs = {"observation": observation[None].astype(np.float32)}
         if level == "low":
             inputs["latent"] = self._latent[None]
         output: Array = self._networks[level].run(None, inputs)[0][0]
         return output
+
+    def _read(self, term: Mapping[str, Any]) -> Array:
+        """A term as it was ``steps_ago``; before the first step all was as in it."""
+        age = min(term.get("steps_ago", 0), len(self._readings) - 1)
+        return self._readings[age][term["name"]]
 
     def _fault(self, sensors: Sensors, goal: Array, now: float) -> str:
         """Why the robot has to stop, "" if nothing is wrong."""
@@ -202,26 +220,34 @@ class Controller:
             return "a sensor or the goal is not a number"
         if now - sensors.time > self._safety.stale_s:
             return f"sensors are {now - sensors.time:.3f} s old"
-        if -observe(sensors, goal)["projected_gravity"][2] < np.cos(self._safety.tilt):
+        measured = observe(sensors, goal)
+        if missing := self._needed - measured.keys():
+            return f"the policy observes what is not measured: {', '.join(sorted(missing))}"
+        if -measured["projected_gravity"][2] < np.cos(self._safety.tilt):
             return "the base is tilted too far"
         return ""
 
 
 def observe(sensors: Sensors, goal: Array) -> dict[str, Array]:
-    """Observation term -> value; see ``observation_terms`` in ``policy.json``."""
+    """Observation term -> value, of all that is measured; see ``observation_terms`` in
+    ``policy.json``.
+    """
     inverse = rotation(sensors.base_quat).T
-    return {
-        "base_height": sensors.base_pos[2:3],
+    values = {
         "projected_gravity": inverse @ np.array([0.0, 0.0, -1.0]),
-        "base_lin_vel": sensors.base_lin_vel,
         "base_ang_vel": sensors.base_ang_vel,
         "joint_pos": sensors.joint_pos,
         "joint_vel": sensors.joint_vel,
-        "target": inverse @ (goal - sensors.base_pos),
         "heading_command": inverse @ goal,
         "velocity_command": goal,
         "height_command": goal[2:],
     }
+    if sensors.base_pos is not None:
+        values["base_height"] = sensors.base_pos[2:3]
+        values["target"] = inverse @ (goal - sensors.base_pos)
+    if sensors.base_lin_vel is not None:
+        values["base_lin_vel"] = sensors.base_lin_vel
+    return values
 
 
 def rotation(quat: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -14,11 +15,12 @@ from lacoloco.pipelines.exporting.onnx_files import INPUTS
 from lacoloco.pipelines.policies import Policy, task_of
 from lacoloco.pipelines.sim.commands import COMMANDS, Command
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
+from lacoloco.pipelines.sim.observation import BY_ODOMETRY
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.robots.scene import FLOOR_FRICTION, TIMESTEP
 from lacoloco.robots.spec import RobotSpec
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 MEANING = {
     "base_height": "Height of the base's origin above the floor. Needs an estimator or motion "
     "capture.",
@@ -40,6 +42,10 @@ MEANING = {
     "last_latent": "What the high level answered at its last decision; zeros at first.",
 }
 """Observation term -> one sentence."""
+ODOMETRY = (
+    "Position and heading come from the robot's own odometry, which was taken to drift in training."
+)
+"""Added to commands that are seen by odometry."""
 
 
 def describe(
@@ -82,6 +88,10 @@ def describe(
         "latent_hold_steps": HOLD_STEPS,
         "latent_size": policies["high"].head.actions,
         "latent_rule": "a unit vector; the high level's network answers with one",
+        "history_rule": (
+            "a term with steps_ago is what it was so many control steps before; before the first "
+            "step all was as in it"
+        ),
         "quaternion_order": "wxyz",
         "end_effector": {
             "body": spec.end_effector.body,
@@ -122,15 +132,18 @@ def _level(policy: Policy) -> dict[str, Any]:
         "inputs": {INPUTS[group]: size for group, size in head.sizes.items()},
         "output": "latent" if head.role == "high" else "action",
         "output_size": head.actions,
-        "observation_terms": [{**row, "meaning": MEANING[str(row["name"])]} for row in head.layout],
+        "observation_terms": [{**row, "meaning": _meaning(row)} for row in head.layout],
     }
+
+
+def _meaning(row: Mapping[str, Any]) -> str:
+    """One or two sentences about a term."""
+    told = MEANING[str(row["name"])]
+    return f"{told} {ODOMETRY}" if row["frame"] == BY_ODOMETRY else told
 
 
 def fastest_target(recorded: ReachRecording, spec: RobotSpec) -> float:
     """Fastest change of a joint target in simulated episodes [rad/s]."""
-    joints = spec.num_joints
-    begin = 10 + 2 * joints
-    actions = recorded.low_obs[:, begin : begin + joints]
-    actions = actions.reshape(-1, len(recorded.qpos), joints)
-    change = np.abs(np.diff(actions, axis=0)).max() if len(actions) > 1 else 0.0
+    steps = np.abs(np.diff(recorded.action, axis=1))
+    change = steps.max() if steps.size else 0.0
     return float(spec.action_scale * change / CONTROL_DT)

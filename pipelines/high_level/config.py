@@ -19,6 +19,7 @@ from lacoloco.datasets.config_values import (
 from lacoloco.pipelines.high_level.hindsight import HindsightConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
+from lacoloco.pipelines.sim.observation import ObservationConfig
 
 CONTACT_FORCE_PENALTY = 4.0
 """Default over a constrained low level. A penalty of 10 from the start removed four fifths of the
@@ -61,6 +62,7 @@ class TrainHighConfig:
             same target.
         replay_failed_from: Share of the training after which failed episodes are replayed. Before
             it nearly all episodes fail.
+        observation: What the policy and its critic observe.
         ppo: Optimisation of actor and critic.
         networks: Actor and critic.
     """
@@ -81,6 +83,7 @@ class TrainHighConfig:
     stood_s: Annotated[tuple[float, float], Within(0, 10), Rising()] = (0.0, 0.0)
     restart_probability: Share = 0.9
     replay_failed_from: Share = 0.4
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(
             horizon=8,

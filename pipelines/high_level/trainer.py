@@ -25,6 +25,7 @@ from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS, Decision, Latent
 from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import Task, load_task
+from lacoloco.pipelines.training.critic import critic_only, for_critic
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
@@ -79,11 +80,18 @@ class HighTrainer:
         share = config.noise_free_fraction
         env.set_noise_free(((place + 1) * share).long() > (place * share).long())
         self.latent_dim = low.head.sizes["latent"]
-        self.env = LatentSteeredEnv(env, low, self.latent_dim)
+        low_sees, high_sees = low.head.observation, config.observation.of_policy
+        self.env = LatentSteeredEnv(env, low, self.latent_dim, low_sees, high_sees)
         env.stagger_by(HOLD_STEPS)
         sizes = {POLICY: width(self.env.terms)}
         self.algorithm = Ppo(
-            sizes, self.latent_dim, config.worlds, config.ppo, config.networks, device
+            sizes,
+            self.latent_dim,
+            config.worlds,
+            config.ppo,
+            config.networks,
+            device,
+            critic_only(env, config.observation),
         )
         self.head = Head(
             "high", sizes, self.latent_dim, config.networks, layout(self.env.terms), task.name
@@ -227,7 +235,8 @@ class HighTrainer:
         self.restarts.load_state_dict(state["restarts"])
 
     def _observe(self) -> TensorDict:
-        return TensorDict({POLICY: self.env.observe()}, batch_size=[self.env.num_worlds])
+        groups = {POLICY: self.env.observe()} | for_critic(self.env.env, self.config.observation)
+        return TensorDict(groups, batch_size=[self.env.num_worlds])
 
     def _random_observations(self) -> TensorDict:
         seen: list[Any] = []

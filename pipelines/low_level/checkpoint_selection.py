@@ -54,7 +54,13 @@ class Selection:
     @cached_property
     def coverage(self) -> SkillCoverage:
         """What counts the skills."""
-        return SkillCoverage(self.spec, self.motions, latents=self.latents, seed=self.seed)
+        return SkillCoverage(
+            self.spec,
+            self.motions,
+            latents=self.latents,
+            seed=self.seed,
+            observation=self.head.observation,
+        )
 
     def measure(self, actor: MLPModel) -> dict[str, float]:
         """The actor's skill coverage."""

@@ -22,6 +22,7 @@ from lacoloco.pipelines.learn.latents import LatentConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.learn.skill_embedding import WindowConfig
+from lacoloco.pipelines.sim.observation import ObservationConfig
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ class TrainLowConfig:
         coverage_latents: Latents held in each measurement.
         choose_from: Share of the training after which a measured policy may become the one that is
             kept. The constraint should be at full strength by then.
+        observation: What the policy and its critic observe.
         latents: How latents are sampled.
         ppo: Optimisation of actor and critic.
         networks: Actor and critic.
@@ -109,6 +111,7 @@ class TrainLowConfig:
     coverage_every: Annotated[int, Within(0, 10**12)] = 250_000
     coverage_latents: Annotated[int, Within(1, 131_072)] = 256
     choose_from: Share = 0.8
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
     latents: LatentConfig = field(default_factory=LatentConfig)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(

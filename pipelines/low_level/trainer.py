@@ -30,8 +30,9 @@ from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.episode_restarts import EpisodeRestarts
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import widened
-from lacoloco.pipelines.sim.state import RobotState, layout, noise_scale, style_frame, width
+from lacoloco.pipelines.sim.state import RobotState, layout, style_frame, width
 from lacoloco.pipelines.sim.tasks import Task, imitate_task
+from lacoloco.pipelines.training.critic import critic_only, for_critic
 from lacoloco.robots.spec import RobotSpec
 
 ASKED_AFTER, ALL_ASKED = 0.5, 2
@@ -72,7 +73,13 @@ class LowTrainer:
         self.motions = balanced(spec, library, config.cell_balance)
         self.config, self.spec, self.seed = config, spec, seed
         self.env = LeggedEnv(
-            spec, _task(spec, config), config.worlds, seed=seed, device=device, motions=self.motions
+            spec,
+            _task(spec, config),
+            config.worlds,
+            seed=seed,
+            device=device,
+            motions=self.motions,
+            observation=config.observation.of_policy,
         )
         self.env.stagger()
         self.latents = LatentSchedule(config.worlds, config.latents, seed=seed + 1, device=device)
@@ -96,6 +103,7 @@ class LowTrainer:
             ase=config.ase,
             seed=seed + 3,
             device=device,
+            critic_only=critic_only(self.env, config.observation),
         )
         if config.bc_steps:
             self.clips = clip_states(library)
@@ -141,11 +149,19 @@ class LowTrainer:
         config, env, metrics = self.config, self.env, dict[str, float]()
         moves = infer_actions(self.spec, self.clips, env.task.action_scale)
         actions, previous = with_memory(self.clips, moves, env.task.memory)
-        noise = noise_scale(env.terms).to(env.device)
+        noise = env.noise_scale
         # Who is asked sees the state itself. Fitted to noisy views of it, the answers to a small
         # tilt or sway would shrink: 20 % of the H1's episodes ended in a fall, then 11 %.
         unknown = torch.zeros_like(noise) if config.expert_rounds else noise
-        data = CloningData(self.clips.flattened().frames, previous, actions, unknown)
+        data = CloningData(
+            self.clips.flattened().frames,
+            previous,
+            actions,
+            unknown,
+            before=self.clips.before,
+            history=config.observation.of_policy.history,
+            columns=None if env.view is None else env.view.columns,
+        )
         scattered = config.latent_noise if config.expert_rounds else 0.0
         cloning = Cloning(
             self.clips, self.embedding, data, self._cloned, self.generator, latent_noise=scattered
@@ -317,9 +333,9 @@ class LowTrainer:
             self.embedding.load_state_dict(state["embedding"])
 
     def _observe(self) -> TensorDict:
-        return TensorDict(
-            {POLICY: self.env.observe(), LATENT: self.latents.z}, batch_size=[self.env.num_worlds]
-        )
+        groups = {POLICY: self.env.observe(), LATENT: self.latents.z}
+        groups |= for_critic(self.env, self.config.observation)
+        return TensorDict(groups, batch_size=[self.env.num_worlds])
 
     def _first_observations(self) -> TensorDict:
         # With actions: columns of the last action that never moved would be scaled up a

@@ -65,7 +65,7 @@ def in_a_temporary_folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_clips():
     """Factory of two clips in which a robot trots straight on while it turns.
 

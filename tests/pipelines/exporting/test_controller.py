@@ -76,6 +76,8 @@ def test_a_high_level_decision_is_held_for_five_steps(folder, sensors):
     ("wrong", "reason"),
     [
         ({"time": -0.2}, "old"),
+        ({"base_lin_vel": None}, "not measured: base_lin_vel"),
+        ({"base_pos": None}, "not measured: base_height, target"),
         ({"joint_vel": np.full(12, np.nan)}, "not a number"),
         ({"base_quat": np.array([0.5, 0.9, 0.0, 0.0])}, "tilted"),
     ],

@@ -18,7 +18,19 @@ def test_the_picture_has_all_that_happened(tmp_path, monkeypatch):
     contact[:, 10:20, 0] = True
     empty = np.zeros((2, 40, 3))
     played = ReachRecording(
-        empty, empty, empty, contact, latent, empty, latent, empty, found.fell, "solo12", 10.0
+        qpos=empty,
+        target=empty,
+        end_effector=empty,
+        contact=contact,
+        steering=latent,
+        low_obs=empty,
+        latent=latent,
+        high_obs=empty,
+        frame=empty,
+        action=empty,
+        fell=found.fell,
+        robot="solo12",
+        fps=10.0,
     )
     kept = []
     monkeypatch.setattr(plots, "save", lambda figure, file: kept.append(figure))

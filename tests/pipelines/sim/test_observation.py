@@ -33,7 +33,7 @@ from lacoloco.robots.numbers import OdometryDrift
 ONBOARD = Observation(onboard=True, history=3)
 READING = 3 + 3 + 12 + 12 + 12
 """Gravity, angular velocity, joint positions and velocities, last action of the Solo12."""
-HIGH = tuple(term for term in high_level_terms(12))
+HIGH = high_level_terms(12, 7)
 
 
 def columns(terms, name, steps_ago=0):
