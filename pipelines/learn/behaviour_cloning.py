@@ -129,7 +129,7 @@ def clone(
         windows, rows = sample(count)
         exact = latents = embedding(windows)
         if latent_noise:
-            latents = project(exact + scatter(*exact.shape, latent_noise, generator))
+            latents = project(exact + scatter(len(exact), exact.shape[1], latent_noise, generator))
         groups = {"policy": data.observe(rows, generator), "latent": latents}
         return TensorDict(groups, batch_size=[len(rows)]), exact, rows
 
