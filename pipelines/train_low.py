@@ -215,11 +215,12 @@ def shared(config: TrainLowConfig) -> TrainLowConfig:
     )
 
 
-def load_motions(paths: Sequence[Path], say: Say | None = None) -> tuple[list[Clip], RobotSpec]:
-    """All clips of several motion artifacts, and their robot.
+def load_motions(paths: Sequence[Path], say: Say | None = None) -> tuple[Sequence[Clip], RobotSpec]:
+    """All clips of several motion artifacts, those of a single one as they are stored; their robot.
 
     Raises:
         StageError: no artifact, or artifacts of different robots or versions of one.
     """
     spec = robot_of_all(paths, say)
-    return [clip for path in paths for clip in load_clips(path, robot=spec.name)], spec
+    sets = [load_clips(path, robot=spec.name) for path in paths]
+    return sets[0] if len(sets) == 1 else [clip for clips in sets for clip in clips], spec

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from lacoloco.datasets.clip import save_clips
+from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines import train_low
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level.trainer import LowTrainer
+from lacoloco.pipelines.robot import record_of
 from lacoloco.pipelines.train_low import load_motions, smoke
 
 JOINTS = slice(10, 22)
@@ -229,6 +232,24 @@ def test_closing_metrics_compare_with_the_clips(make_trainer):
 def test_motions_are_needed():
     with pytest.raises(StageError, match="--motions"):
         load_motions([])
+
+
+def test_motions_of_one_artifact_are_taken_as_they_are_stored(solo12, make_clips, tmp_path):
+    clips = make_clips(solo12)
+    files = [
+        save_clips(tmp_path / f"{name}.h5", clips, robot=record_of(solo12), config={})
+        for name in ("one", "other")
+    ]
+    alone, _ = load_motions(files[:1])
+    stored = alone.flat.series["joint_pos"]
+    library = MotionLibrary(alone)
+    assert any(np.shares_memory(stored, rows.numpy()) for rows in library._states)
+    both, spec = load_motions(files)
+    assert (len(both), spec.name) == (4, "solo12")
+    moments = torch.tensor([1, 3]), torch.tensor([0.3, 0.3])
+    first, second = MotionLibrary(both).frames(*moments).joint_pos
+    assert first.equal(second)
+    assert first.equal(library.frames(moments[0][:1], moments[1][:1]).joint_pos[0])
 
 
 def test_the_strides_of_the_policy_shorten_towards_the_end(make_trainer):
