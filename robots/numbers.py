@@ -51,6 +51,9 @@ class OdometryDrift:
 class SkillThresholds:
     """``[skills]``: what counts as a skill, and how near to a target is there.
 
+    The first two are also the measure of the cells in which skills are counted: the middle one of a
+    velocity reaches from -``walk_speed`` to ``walk_speed``, one of height over ``reach_height``.
+
     Attributes:
         walk_speed: Mean planar speed of the base from which a window counts as walking, m/s.
         reach_height: Mean height of the end effector above its height in standing from which a
