@@ -16,7 +16,7 @@ from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import AT_ONCE, Seeds
 from lacoloco_cli.policy_choice import missing, train_missing, trained
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.written_files import check_output
+from lacoloco_cli.written_files import PICTURES, check_ending, check_output
 
 app = typer.Typer()
 
@@ -137,7 +137,8 @@ def figure_place(session: Session, figure: Path | None, shift: str) -> Path | No
         return None
     if not shift:
         raise UserError("--figure draws the table of --shift; give both")
-    return check_output("--figure", figure, figure.suffix.removeprefix("."), session.store.root)
+    kind = check_ending("--figure", figure, PICTURES)
+    return check_output("--figure", figure, kind, session.store.root)
 
 
 def policies_of_run(session: Session, seeds: int, fill: bool) -> tuple[list[Path], dict[str, Any]]:

@@ -15,9 +15,11 @@ import typer
 from lacoloco_cli import switching
 from lacoloco_cli.console import note
 from lacoloco_cli.failures import UserError
+from lacoloco_cli.option_group import with_options
 from lacoloco_cli.options import AT_ONCE
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.written_files import PAGE, check_output, copy_to
+from lacoloco_cli.video import VideoOptions, draw_video
+from lacoloco_cli.written_files import PAGE, check_ending, check_output, copy_to
 
 app = typer.Typer()
 
@@ -26,8 +28,10 @@ PLAYABLE = ("train-high", "train-low", "track", "retarget", "import", "generate"
 
 
 @verb(app, shared=AT_ONCE)
+@with_options(VideoOptions)
 def play(
     session: Session,
+    options: VideoOptions,
     source: Annotated[
         Path | None,
         typer.Argument(
@@ -43,15 +47,6 @@ def play(
     html: Annotated[
         Path | None,
         typer.Option("--html", metavar="FILE", help="Write the page there; open no browser."),
-    ] = None,
-    gif: Annotated[
-        Path | None,
-        typer.Option(
-            "--gif",
-            metavar="FILE",
-            help="Instead of a page, one episode or clip as an animated picture of less than 3 MB;"
-            " --set seconds=6 for a shorter one.",
-        ),
     ] = None,
     latents: Annotated[
         str | None,
@@ -79,20 +74,34 @@ def play(
         ),
     ] = None,
 ) -> None:
-    """Watch a motion or a policy in the browser, or write it as one HTML file or a GIF."""
+    """Watch a motion or a policy in the browser, or write it as one HTML file or as a film."""
     if figure is not None:
-        if html is not None or gif is not None or clip or latents:
-            raise UserError("--figure: is no page; leave out --html, --gif, --clip and --latents")
+        if html is not None or options.video is not None or clip or latents:
+            raise UserError("--figure: is no page; leave out --html, --video, --clip and --latents")
         switching.measure(session, source, motions or [], figure, option="--figure")
         return
     if motions:
         raise UserError("--motions: belongs to --figure; to watch motions, name them alone")
-    if gif is not None:
+    if options.video is None and options.given():
+        named = ", ".join(f"--{name}" for name in options.given())
+        raise UserError(f"{named}: of a film; give --video FILE.mp4, the page has its own controls")
+    if options.video is not None:
         if html is not None or len(clip or ()) > 1:
-            raise UserError("--gif: shows one thing; leave out --html, and name one --clip")
-        draw_gif(session, source, gif, clip or (), latents)
+            raise UserError("--video: shows one thing; leave out --html, and name one --clip")
+        draw_video(session, named_source(session, source), latents_of(latents), options, clip or ())
         return
     write_page(session, source, html, clip or (), latents)
+
+
+def named_source(session: Session, source: Path | None) -> Path:
+    """What is played: an artifact by its path or published name, else the run's newest.
+
+    Raises:
+        UserError: The run has nothing to play.
+    """
+    from lacoloco.datasets.published import resolve
+
+    return resolve(source) if source else newest(session)
 
 
 def write_page(
@@ -103,12 +112,11 @@ def write_page(
     latents: str | None,
 ) -> None:
     """Write the page, and open it where somebody watches."""
-    from lacoloco.datasets.published import resolve
     from lacoloco.pipelines import play as stage
 
     config = replace(session.config(stage.PRESETS), latents=latents_of(latents))
-    source = resolve(source) if source else newest(session)
-    place = check_output("--html", html, PAGE, session.store.root) if html is not None else None
+    source = named_source(session, source)
+    place = page_place(session, html) if html is not None else None
     result = stage.run(config, session.context(), source=source, names=names)
     page = Path(result.metrics["html"])
     if place is not None:
@@ -120,30 +128,14 @@ def write_page(
         show(page)
 
 
-def draw_gif(
-    session: Session, source: Path | None, gif: Path, names: Sequence[str], latents: str | None
-) -> None:
-    """Draw the first of what a page would show; what needs checking is checked first."""
-    from lacoloco.pipelines.viewing.opengl import check_gl
+def page_place(session: Session, html: Path) -> Path:
+    """Where the page goes, before the work.
 
-    place = check_output("--gif", gif, "gif", session.store.root)
-    check_gl()  # before anything imports MuJoCo
-    from lacoloco.datasets.artifact import read_artifact
-    from lacoloco.datasets.atomic_write import write_file
-    from lacoloco.datasets.published import resolve
-    from lacoloco.pipelines import play as stage
-    from lacoloco.pipelines.robot import robot_of
-    from lacoloco.pipelines.viewing.render import render_gif
-
-    config = session.config(stage.PRESETS)
-    config = replace(config, clips=1, episodes=1, latents=latents_of(latents))
-    artifact = read_artifact(resolve(source) if source else newest(session))
-    shown = stage.record(artifact, config, session.seed, names)[0].until(config.seconds)
-    content = render_gif(robot_of(artifact), shown)
-    write_file(place, content, replace=True)
-    answer = {"gif": str(gif), "bytes": len(content), "robot": artifact.robot}
-    answer |= {"recording": shown.name, "seconds": round(shown.duration, 2)}
-    session.answer(answer, lambda: typer.echo(answer["gif"]))
+    Raises:
+        UserError: It would not be taken for a page there, or something would be lost.
+    """
+    check_ending("--html", html, ("html", "htm"))
+    return check_output("--html", html, PAGE, session.store.root)
 
 
 def latents_of(text: str | None) -> str:

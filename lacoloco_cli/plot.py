@@ -9,7 +9,7 @@ import typer
 
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.written_files import check_output
+from lacoloco_cli.written_files import PICTURES, check_ending, check_output
 
 app = typer.Typer()
 
@@ -36,7 +36,7 @@ def plot_run(
     usual = session.store.directory(run) / PICTURE
     place = out = out or usual
     if out.absolute() != usual.absolute():  # the one picture that belongs among the runs
-        place = check_output("--out", out, out.suffix.removeprefix("."), session.store.root)
+        place = check_output("--out", out, check_ending("--out", out, PICTURES), session.store.root)
     drawn = plot_run(session.store, run, place)
     payload = {"picture": path_text(out), "run": run, "trainings": drawn}
     session.answer(payload, lambda: typer.echo(payload["picture"]))

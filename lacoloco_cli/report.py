@@ -11,7 +11,7 @@ import typer
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.written_files import TEXT, check_output
+from lacoloco_cli.written_files import TEXT, check_ending, check_output
 
 if TYPE_CHECKING:
     from lacoloco.datasets.store import RunStore
@@ -47,7 +47,10 @@ def report(
     from lacoloco.datasets.artifact import read_artifact
     from lacoloco_cli import report_table
 
-    place = check_output("--out", out, TEXT, session.store.root) if out is not None else None
+    place = None
+    if out is not None:
+        check_ending("--out", out, ("md", "txt"))
+        place = check_output("--out", out, TEXT, session.store.root)
     chosen = evaluations(session.store, targets or [session.run_name], name)
     reports = {one: report_table.section(one, read_artifact(path)) for one, path in chosen.items()}
     if place is not None:

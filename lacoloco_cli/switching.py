@@ -8,11 +8,10 @@ from typing import Annotated
 
 import typer
 
-from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import AT_ONCE
 from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.written_files import check_output, copy_to
+from lacoloco_cli.written_files import check_ending, check_output, copy_to
 
 app = typer.Typer()
 
@@ -62,9 +61,9 @@ def measure(
     from lacoloco.pipelines import switching as stage
 
     config = session.config(stage.PRESETS)
-    if out is not None and out.suffix.lower() != ".png":
-        raise UserError(f"{option} {out}: the picture is a PNG; give it a name that ends in .png")
-    place = check_output(option, out, "png", session.store.root) if out is not None else None
+    place = None
+    if out is not None:
+        place = check_output(option, out, check_ending(option, out, ("png",)), session.store.root)
     policy = resolve(policy) if policy else best(session)
     result = stage.run(
         config, session.context(), policy=policy, motions=[resolve(one) for one in motions]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Sequence
 from pathlib import Path
 
 from lacoloco_cli.failures import UserError
@@ -25,11 +26,34 @@ STARTS = {
     "WEBP": (b"RIFF",),
 }
 """Kind -> how its files begin."""
+PICTURES = ("png", "pdf", "svg")
+"""Kinds of a figure; matplotlib writes more, which few programs show."""
 PAGE = "page of lacoloco"
 TEXT = "text"
 _MARKS = {PAGE: (b"<!doctype html>", b"meshcat-pane"), "SVG": (b"<svg",)}
 """Kind -> what stands near the beginning of its files, in lower case."""
 _LOOKED_AT = 8192
+
+
+def check_ending(option: str, file: Path, endings: Sequence[str]) -> str:
+    """The kind of file that a name asks for: nothing is written under the name of another kind.
+
+    Args:
+        option: What named the file, e.g. `--out`.
+        file: Where something will be written.
+        endings: Kinds that can be written there, e.g. "png".
+
+    Returns:
+        One of the endings.
+
+    Raises:
+        UserError: The name ends in none of them.
+    """
+    kind = file.suffix.removeprefix(".").lower()
+    if kind not in endings:
+        known = " or ".join(f".{one}" for one in endings)
+        raise UserError(f"{option} {file}: give it a name that ends in {known}")
+    return kind
 
 
 def check_output(option: str, file: Path, kind: str, runs: Path) -> Path:
@@ -85,6 +109,8 @@ def is_of_kind(file: Path, kind: str) -> bool:
         return True
     if kind == TEXT:
         return _is_text(file)
+    if kind == "mp4":
+        return start[4:8] == b"ftyp"  # after the length of its first part
     if marks := _MARKS.get(kind) or _MARKS.get(kind.upper()):
         return all(mark in start.lower() for mark in marks)
     return start.startswith(STARTS.get(kind.upper(), (b"\0",)))

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import os
 import platform
+from ctypes.util import find_library
 from typing import Any
 
 from lacoloco.pipelines.errors import StageError
 
 CHOICES = ("egl", "osmesa")
 """What draws without a window on Linux."""
+LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
+"""The library of each of them, as the linker calls it."""
 PACKAGES = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 """Names on Debian and Ubuntu of the packages that bring each of them."""
 
@@ -53,9 +56,14 @@ def _context_class() -> type[Any]:
 
 
 def _wanted() -> str:
-    """What $MUJOCO_GL asks for, if it draws without a window; else egl."""
+    """What $MUJOCO_GL asks for, if it draws without a window; else the first that is installed.
+
+    EGL draws on a GPU, and in software where there is none; OSMesa only in software.
+    """
     asked = os.environ.get("MUJOCO_GL", "").strip().lower()
-    return asked if asked in CHOICES else "egl"
+    if asked in CHOICES:
+        return asked
+    return next((one for one in CHOICES if find_library(LIBRARIES[one])), CHOICES[0])
 
 
 def missing(error: Exception) -> str:

@@ -1,19 +1,23 @@
-"""Recordings as animated GIFs, drawn by MuJoCo without a screen.
+"""Recordings as films, GIF or MP4, drawn by MuJoCo without a screen.
 
-The scene is the robot's own model with a floor, light and a ball at the target; nothing is
-simulated, each frame is a pose of the recording.
+Nothing is simulated: each picture is a pose of the recording, between two frames a blend of them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
+from lacoloco.datasets.series import resampled
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.retargeting.filters import smooth
+from lacoloco.pipelines.stage import SILENT, Progress
+from lacoloco.pipelines.viewing.camera import Look, free_camera, views_of
+from lacoloco.pipelines.viewing.drawn_scene import SUN, scene_model
 from lacoloco.pipelines.viewing.gif import encode_gif
+from lacoloco.pipelines.viewing.mp4 import encode_mp4
 from lacoloco.pipelines.viewing.offscreen import Painter
 from lacoloco.pipelines.viewing.recording import Recording
 from lacoloco.robots.spec import RobotSpec
@@ -22,167 +26,93 @@ LIMIT = 3_000_000
 """Bytes that a GIF may have: what web pages and mails still show without a click."""
 COLOURS = (128, 64, 32, 16)
 """Sizes of the palette, tried until the file is small enough."""
-LOOKED_AT = 0.7
-"""Height of the point the camera looks at, in standing heights of the robot."""
-SUN = np.array([0.0, 0.0, -9.5])
-"""From where its light starts to the point the camera looks at, in standing heights of the robot.
-Straight down: under slanting light, specks show on the floor where the shadow map ends."""
-TARGET_RGBA = (1.0, 0.12, 0.2, 1.0)
-TARGET_RADIUS = 0.095
-"""In standing heights of the robot; larger than on the page, whose pictures are larger."""
+GIF_LOOK, MP4_LOOK = Look(), Look(width=640, height=480, fps=25.0)
+"""Of a file of each kind, unless it is said otherwise."""
 
 
-@dataclass(frozen=True)
-class Look:
-    """How the pictures look.
-
-    Attributes:
-        width: Pixels.
-        height: Pixels.
-        centiseconds: Between two frames; a GIF counts time in hundredths of a second.
-        azimuth: Where the camera looks, degrees from world x to y.
-        elevation: Degrees above the horizon that it looks; negative: down.
-        distance: From the camera to the point it looks at, in standing heights of the robot.
-    """
-
-    width: int = 360
-    height: int = 240
-    centiseconds: int = 8
-    azimuth: float = 130.0
-    elevation: float = -26.0
-    distance: float = 3.8
-
-
-def render_gif(spec: RobotSpec, recording: Recording, look: Look | None = None) -> bytes:
+def render_gif(
+    spec: RobotSpec, recording: Recording, look: Look = GIF_LOOK, progress: Progress = SILENT
+) -> bytes:
     """Draw a recording as an animated GIF that repeats for ever.
 
     Args:
         spec: Its robot.
         recording: The whole of it is drawn.
-        look: How; default: small enough for a README.
+        look: How; a GIF counts time in hundredths of a second, and takes the nearest rate.
+        progress: Is told how many pictures are drawn.
 
     Raises:
         StageError: There is no OpenGL here, or the file would exceed 3 MB.
     """
-    look = look or Look()
-    frames = render_frames(spec, recording, look)
+    centiseconds = max(2, round(100 / look.fps))
+    look = replace(look, fps=100 / centiseconds)
+    frames = np.stack(list(draw_frames(spec, recording, look, progress)))
     for colours in COLOURS:
-        file = encode_gif(frames, 10 * look.centiseconds, colours)
+        file = encode_gif(frames, 10 * centiseconds, colours)
         if len(file) < LIMIT:
             return file
+    shorter = max(1, int(recording.duration / 2))
     raise StageError(
         f"the GIF of {recording.duration:.1f} s would have {len(file) / 1e6:.1f} MB, more than"
-        f" {LIMIT / 1e6:.0f}; make it shorter with --set seconds={recording.duration / 2:.0f}"
+        f" {LIMIT / 1e6:.0f}; make it shorter with --set seconds={shorter}, or smaller with --size,"
+        " or name an .mp4"
     )
 
 
-def render_frames(spec: RobotSpec, recording: Recording, look: Look) -> np.ndarray:
-    """Draw a recording at the frame rate of the look.
+def render_mp4(
+    spec: RobotSpec, recording: Recording, look: Look = MP4_LOOK, progress: Progress = SILENT
+) -> bytes:
+    """Draw a recording as an MP4 (H.264).
 
-    Returns:
-        (N, height, width, 3) uint8, RGB.
+    Args:
+        spec: Its robot.
+        recording: The whole of it is drawn.
+        look: How; width and height are even.
+        progress: Is told how many pictures are drawn.
+
+    Raises:
+        StageError: There is no OpenGL or no PyAV here.
+    """
+    return encode_mp4(draw_frames(spec, recording, look, progress), look.fps)
+
+
+def draw_frames(
+    spec: RobotSpec, recording: Recording, look: Look, progress: Progress = SILENT
+) -> Iterator[np.ndarray]:
+    """Draw the pictures of a film one after the other.
+
+    Yields:
+        (height, width, 3) uint8, RGB.
 
     Raises:
         StageError: There is no OpenGL here, or the recording is damaged.
     """
     recording.validate(spec.num_joints)
-    model = scene_model(spec, look, ball=recording.target is not None)
-    data = mujoco.MjData(model)
-    looked_at = smooth(recording.root_pos, 0.3 * recording.fps)
-    looked_at[:, 2] = LOOKED_AT * spec.default_height()
-    camera, sun = _camera(look, spec.default_height()), SUN * spec.default_height()
-    pictures = []
+    recording = at_rate(recording, look.fps / look.speed)
+    height = spec.default_height()
+    model = scene_model(spec, look.width, look.height, ball=recording.target is not None)
+    data, camera, views = mujoco.MjData(model), free_camera(look), views_of(recording, look, height)
+    progress.start("drawing", recording.frames)
     with Painter(model, look.width, look.height) as painter:
-        for index in frame_indices(recording, look):
+        for index in range(recording.frames):
             _pose(data, recording, index)
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
-            camera.lookat[:] = looked_at[index]
-            data.light_xpos[0] = looked_at[index] - sun  # its shadows reach only so far
-            pictures.append(painter.draw(data, camera))
-    return np.stack(pictures)
+            camera.lookat[:], camera.distance = views.point[index], views.distance[index]
+            # its shadows reach only so far
+            data.light_xpos[0] = recording.root_pos[index] - SUN * height
+            yield painter.draw(data, camera)
+            progress.advance(index + 1)
+    progress.stop()
 
 
-def frame_indices(recording: Recording, look: Look) -> np.ndarray:
-    """Frames of the recording that are drawn, (N,): the nearest at each time of the GIF."""
-    step = recording.fps * look.centiseconds / 100
-    count = int((recording.frames - 1) / step + 1e-6) + 1
-    return np.rint(np.arange(count) * step).astype(int)
-
-
-def scene_model(spec: RobotSpec, look: Look, *, ball: bool) -> mujoco.MjModel:
-    """The robot with a chequered floor, sky and light; with a ball, as mocap body 0, or without."""
-    scene = mujoco.MjSpec.from_file(str(spec.mjcf))
-    visual = scene.visual
-    visual.global_.offwidth, visual.global_.offheight = look.width, look.height
-    visual.headlight.ambient = [0.45, 0.45, 0.45]
-    visual.headlight.diffuse = [0.25, 0.25, 0.25]
-    visual.headlight.specular = [0.0, 0.0, 0.0]
-    _add_sky(scene)
-    _add_floor(scene)
-    _add_sun(scene)
-    if ball:
-        target = scene.worldbody.add_body(name="target", mocap=True)
-        sphere = mujoco.mjtGeom.mjGEOM_SPHERE
-        target.add_geom(
-            type=sphere, size=[TARGET_RADIUS * spec.default_height(), 0, 0], rgba=TARGET_RGBA
-        )
-    return scene.compile()
-
-
-def _add_sun(scene: mujoco.MjSpec) -> None:
-    """Light from above that casts shadows."""
-    scene.visual.quality.shadowsize = 1024
-    scene.worldbody.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        dir=SUN,
-        diffuse=[0.55, 0.55, 0.55],
-        specular=[0.1, 0.1, 0.1],
-    )
-
-
-def _add_sky(scene: mujoco.MjSpec) -> None:
-    """One plain colour: a gradient would cost colours of the palette, and bytes."""
-    plain = [0.93, 0.95, 0.98]
-    scene.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        rgb1=plain,
-        rgb2=plain,
-        width=16,
-        height=96,
-    )
-
-
-def _add_floor(scene: mujoco.MjSpec) -> None:
-    """Squares of half a metre: a moving floor needs a pattern to be seen to move."""
-    scene.add_texture(
-        name="squares",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.72, 0.76, 0.80],
-        rgb2=[0.84, 0.87, 0.90],
-        width=256,
-        height=256,
-    )
-    floor = scene.add_material(name="squares", texrepeat=[1, 1], texuniform=True)
-    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
-    floor.specular = 0.0
-    scene.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 1],
-        material="squares",
-    )
-
-
-def _camera(look: Look, height: float) -> mujoco.MjvCamera:
-    camera = mujoco.MjvCamera()
-    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    camera.azimuth, camera.elevation = look.azimuth, look.elevation
-    camera.distance = look.distance * height
-    return camera
+def at_rate(recording: Recording, fps: float) -> Recording:
+    """Poses and target of a recording at another rate; whatever else it holds is left out."""
+    names = ("root_pos", "root_quat", "joint_pos", "target")
+    series = {name: getattr(recording, name) for name in names}
+    known = {name: np.asarray(rows, float) for name, rows in series.items() if rows is not None}
+    blended = resampled(known, recording.fps, fps)
+    return Recording(name=recording.name, fps=fps, note=recording.note, **blended)
 
 
 def _pose(data: mujoco.MjData, recording: Recording, index: int) -> None:

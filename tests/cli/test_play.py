@@ -84,6 +84,7 @@ def test_a_run_with_nothing_to_play_says_how_to_get_something(tmp_path):
         (["--clip", "squar"], "circle"),
         (["gone.h5"], "gone.h5"),
         (["--html", "/gone/page.html"], "/gone/page.html"),
+        (["--html", "page.mp4"], "ends in .html"),
         (["--latents", "many"], "random"),
         (["--latents", "-1"], "random"),
     ],
@@ -150,42 +151,71 @@ def test_mistakes_about_figures(motions, arguments, hint):
     assert result.stderr.count("\n") == 1
 
 
-GIF = b"GIF89a and what follows"
+GIF, MP4 = b"GIF89a and what follows", b"\0\0\0\x20ftypisom and what follows"
 
 
 @pytest.fixture
 def drawn(monkeypatch):
     """Stands in for the drawing; what was drawn."""
-    from lacoloco.pipelines.viewing import opengl, render
+    from lacoloco.pipelines.viewing import mp4, opengl, render
 
     shown = []
 
-    def render_gif(spec, recording):
-        shown.append((spec.name, recording.name, recording.frames))
-        return GIF
+    def draw(content):
+        def render(spec, recording, look, progress):
+            shown.append((spec.name, recording.name, recording.frames, look))
+            return content
+
+        return render
 
     monkeypatch.setattr(opengl, "check_gl", lambda: None)
-    monkeypatch.setattr(render, "render_gif", render_gif)
+    monkeypatch.setattr(mp4, "check_mp4", lambda: None)
+    monkeypatch.setattr(render, "render_gif", draw(GIF))
+    monkeypatch.setattr(render, "render_mp4", draw(MP4))
     return shown
 
 
-def test_a_gif_is_drawn_instead_of_a_page(motions, drawn, tmp_path):
-    gif = tmp_path / "circle.gif"
+@pytest.mark.parametrize(
+    ("option", "ending"), [("--video", "gif"), ("--gif", "gif"), ("--video", "mp4")]
+)
+def test_a_film_is_drawn_instead_of_a_page(motions, drawn, tmp_path, option, ending):
+    from lacoloco.pipelines.viewing import render
+
+    film = tmp_path / f"circle.{ending}"
     for _ in range(2):  # an earlier one may be replaced
-        result = invoke("--gif", gif, "--clip", "circle", "--set", "seconds=0.5", "--json")
+        result = invoke(option, film, "--clip", "circle", "--set", "seconds=0.5", "--json")
         assert result.exit_code == 0, result.stderr
-    assert gif.read_bytes() == GIF
-    answer = json.loads(result.stdout)
-    assert answer == {
-        "gif": str(gif),
-        "bytes": len(GIF),
+    content, look = {"gif": (GIF, render.GIF_LOOK), "mp4": (MP4, render.MP4_LOOK)}[ending]
+    assert film.read_bytes() == content
+    assert json.loads(result.stdout) == {
+        "video": str(film),
+        "bytes": len(content),
         "robot": "solo12",
         "recording": "circle",
         "seconds": 0.5,
     }
-    assert drawn == [("solo12", "circle", 26)] * 2
+    assert drawn == [("solo12", "circle", 26, look)] * 2
     assert not list(RunStore().directory("seen", "play").glob("*"))
-    assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["circle.gif"]
+    assert [file.name for file in tmp_path.iterdir() if file.is_file()] == [film.name]
+
+
+def test_a_film_looks_as_asked(motions, drawn, tmp_path):
+    options = [
+        "--speed",
+        "0.25",
+        "--camera",
+        "fixed",
+        "--azimuth",
+        "90",
+        "--elevation",
+        "-10",
+        "--size",
+        "1280x720",
+    ]
+    assert invoke("--video", tmp_path / "a.mp4", *options).exit_code == 0
+    look = drawn[0][3]
+    assert (look.speed, look.camera, look.azimuth, look.elevation) == (0.25, "fixed", 90, -10)
+    assert (look.width, look.height, look.fps) == (1280, 720, 25)
 
 
 def test_a_gif_replaces_nothing_else(motions, drawn, tmp_path):
@@ -194,7 +224,10 @@ def test_a_gif_replaces_nothing_else(motions, drawn, tmp_path):
     inside = motions.with_name("circle.gif")
     link = tmp_path / "link.gif"
     link.symlink_to(inside)
-    for place, hint in ((notes, "not a GIF"), (inside, "runs"), (link, "runs")):
+    text = tmp_path / "ftyp.mp4"
+    text.write_text("ftyp")
+    refused = ((notes, "not a GIF"), (inside, "runs"), (link, "runs"), (text, "not a MP4"))
+    for place, hint in refused:
         result = invoke("--gif", place)
         assert result.exit_code == 2
         assert hint in result.stderr
@@ -207,14 +240,21 @@ def test_a_gif_replaces_nothing_else(motions, drawn, tmp_path):
     ("arguments", "hint"),
     [
         (["--gif", "/gone/a.gif"], "/gone/a.gif"),
-        (["--gif", "/dev/null"], "not a GIF"),
+        (["--video", "a.avi"], "ends in .mp4 or .gif"),
+        (["--video", "a.mp4", "--html", "a.html"], "--html"),
+        (["--video", "a.mp4", "--speed", "0"], "--speed 0.0: use a number from 0.05 to 20"),
+        (["--video", "a.mp4", "--camera", "drone"], "--camera drone: use one of target, follow"),
+        (["--video", "a.mp4", "--elevation", "45"], "--elevation 45.0: use a number from -89"),
+        (["--video", "a.mp4", "--size", "641x480"], "even numbers"),
+        (["--video", "a.mp4", "--size", "8x8"], "--size 8x8: use a whole number from 16"),
+        (["--speed", "2"], "--speed: of a film"),
         (["--gif", "a.gif", "--html", "a.html"], "--html"),
         (["--gif", "a.gif", "--clip", "circle", "--clip", "circle"], "one --clip"),
         (["--gif", "a.gif", "--clip", "squar"], "circle"),
-        (["p.h5", "--figure", "a.png", "--gif", "a.gif"], "--gif"),
+        (["p.h5", "--figure", "a.png", "--gif", "a.gif"], "--video"),
     ],
 )
-def test_mistakes_about_gifs(motions, drawn, tmp_path, monkeypatch, arguments, hint):
+def test_mistakes_about_films(motions, drawn, tmp_path, monkeypatch, arguments, hint):
     monkeypatch.chdir(tmp_path)
     result = invoke(*arguments)
     assert result.exit_code == 2

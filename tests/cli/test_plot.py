@@ -39,7 +39,7 @@ def test_the_picture_lies_in_the_run_unless_asked_for_elsewhere(run, tmp_path):
     [
         (["sene"], "runs: seen"),
         (["--out", "/gone/a.png"], "/gone/a.png"),
-        (["--out", "a.doc"], ".png"),
+        (["--out", "a.doc"], "ends in .png or .pdf or .svg"),
     ],
 )
 def test_mistakes(run, arguments, hint):

@@ -75,7 +75,7 @@ def outputs(place):
     return [
         ["play", policy, "--html", place],
         ["play", policy, "--figure", place],
-        ["play", policy, "--gif", place],
+        ["play", policy, "--video", place],
         ["runs", "plot", "seen", "--out", place],
         ["runs", "report", policy, "--out", place],
     ]
@@ -84,9 +84,12 @@ def outputs(place):
 @pytest.mark.parametrize("number", range(5))
 def test_no_option_writes_among_the_runs_or_over_something_else(artifact, stages, tmp_path, number):
     elsewhere = RunStore(tmp_path / "other").begin("dog", "play")
+    ending = ("html", "png", "gif", "svg", "md")[number]
     places = [artifact, artifact.with_name("report.png"), artifact.with_name("playback.html")]
-    places += [artifact.with_name("new.png"), RunStore().root / "new.md", elsewhere.file("a.png")]
-    link, mine = tmp_path / "link.png", write(tmp_path / "policy.h5")
+    places += [artifact.with_name(f"new.{ending}"), RunStore().root / f"new.{ending}"]
+    places += [elsewhere.file(f"a.{ending}"), artifact.with_name("report.bmp")]
+    link, mine = tmp_path / f"link.{ending}", write(tmp_path / f"policy.{ending}")
+    mine.write_bytes(b"\0 of another kind")
     link.symlink_to(artifact.with_name("report.png"))
     for place in (*places, link, mine):
         before = place.read_bytes() if place.exists() else None

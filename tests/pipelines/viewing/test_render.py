@@ -7,10 +7,15 @@ from PIL import Image
 
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.viewing import opengl, render
+from lacoloco.pipelines.viewing.camera import Look
 from lacoloco.pipelines.viewing.recording import from_clip
-from lacoloco.pipelines.viewing.render import Look, frame_indices, render_frames, render_gif
+from lacoloco.pipelines.viewing.render import at_rate, draw_frames, render_gif, render_mp4
 
-SMALL = Look(width=96, height=64, centiseconds=20)
+SMALL = Look(width=96, height=64, fps=5.0)
+
+
+def render_frames(spec, recording, look):
+    return np.stack(list(draw_frames(spec, recording, look)))
 
 
 @pytest.fixture
@@ -70,11 +75,37 @@ def test_the_gif_has_the_time_of_the_recording(gl, solo12, recording):
     assert image.info["duration"] == 200
 
 
-def test_the_frames_are_the_nearest_in_time(recording):
-    assert frame_indices(recording, Look(centiseconds=8)).tolist() == list(range(0, 33, 4))
-    slow = replace(recording, fps=30.0)  # 2.4 frames of it per frame
-    assert frame_indices(slow, Look(centiseconds=8))[:6].tolist() == [0, 2, 5, 7, 10, 12]
-    assert frame_indices(recording.until(0.0), Look()).tolist() == [0]
+def test_a_film_of_slow_motion_has_more_pictures(gl, solo12, recording):
+    slow = replace(SMALL, speed=0.5)  # 0.64 s of it take 1.28 s
+    image = Image.open(BytesIO(render_gif(solo12, recording, slow)))
+    assert (image.n_frames, image.info["duration"]) == (7, 200)
+
+
+def test_a_mp4_has_the_pictures_and_the_time_of_the_recording(gl, solo12, recording):
+    av = pytest.importorskip("av")
+    film = av.open(BytesIO(render_mp4(solo12, recording, replace(SMALL, fps=10.0))))
+    shown = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    assert film.streams.video[0].average_rate == 10
+    assert np.stack(shown).shape == (7, 64, 96, 3)
+    assert all(reddish(frame) > 3 for frame in shown)
+
+
+def test_a_camera_that_shows_the_target_goes_as_far_as_it_must(gl, solo12, recording):
+    far = replace(recording, target=recording.root_pos + [3.0, 0.5, 0.0]).until(0.2)
+    sizes = {}
+    for camera in ("target", "fixed", "follow"):
+        look = replace(SMALL, width=192, height=128, camera=camera)
+        sizes[camera] = [reddish(frame) for frame in render_frames(solo12, far, look)]
+    assert min(sizes["target"]) > 0 and min(sizes["fixed"]) > 0
+    assert max(sizes["follow"]) == 0
+
+
+def test_poses_are_blended_between_frames(recording):
+    half = at_rate(recording, 2 * recording.fps)
+    assert (half.frames, half.fps) == (65, 2 * recording.fps)
+    between = 0.5 * (recording.joint_pos[3] + recording.joint_pos[4])
+    np.testing.assert_allclose(half.joint_pos[7], between, atol=1e-6)
+    np.testing.assert_allclose(half.root_pos[6], recording.root_pos[3], atol=1e-6)
 
 
 def test_a_gif_that_is_too_large_gets_fewer_colours(solo12, recording, monkeypatch):
@@ -84,13 +115,13 @@ def test_a_gif_that_is_too_large_gets_fewer_colours(solo12, recording, monkeypat
         tried.append(colours)
         return bytes(100 * colours)
 
-    monkeypatch.setattr(render, "render_frames", lambda *_: np.zeros((1, 2, 2, 3), np.uint8))
+    monkeypatch.setattr(render, "draw_frames", lambda *_: [np.zeros((2, 2, 3), np.uint8)])
     monkeypatch.setattr(render, "encode_gif", encode)
     monkeypatch.setattr(render, "LIMIT", 5000)
     assert len(render_gif(solo12, recording)) == 3200
     assert tried == [128, 64, 32]
     monkeypatch.setattr(render, "LIMIT", 1000)
-    with pytest.raises(StageError, match="--set seconds="):
+    with pytest.raises(StageError, match="--set seconds=1"):
         render_gif(solo12, recording)
 
 
@@ -108,3 +139,27 @@ def test_without_opengl_it_is_said_what_to_install(monkeypatch, wanted):
     assert "\n" not in message
     assert opengl.PACKAGES[wanted] in message
     assert f"MUJOCO_GL={wanted} does not work" in message
+
+
+@pytest.mark.parametrize(
+    ("installed", "asked", "taken"),
+    [
+        (["EGL", "OSMesa"], "", "egl"),
+        (["OSMesa"], "", "osmesa"),
+        (["EGL", "OSMesa"], "osmesa", "osmesa"),
+        ([], "", "egl"),
+    ],
+)
+def test_software_draws_where_only_it_is_installed(monkeypatch, installed, asked, taken):
+    found = {name: f"lib{name}.so" for name in installed}
+    monkeypatch.setattr(opengl, "find_library", found.get)
+    monkeypatch.setenv("MUJOCO_GL", asked)
+    assert opengl._wanted() == taken
+
+
+def test_without_its_encoder_a_mp4_says_what_to_install(monkeypatch):
+    from lacoloco.pipelines.viewing import mp4
+
+    monkeypatch.setattr(mp4, "find_spec", lambda name: None)
+    with pytest.raises(StageError, match=r"lacoloco\[video\].*\.gif"):
+        mp4.encode_mp4([], 25.0)
