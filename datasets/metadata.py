@@ -132,7 +132,7 @@ FORMS: dict[str, dict[str, Check]] = {
         "shift": _every(_table()),
         "hardware": _table(),
     },
-    "lacoloco/playback": {"recordings": _every(_table())},
+    "lacoloco/playback": {"recordings": _every(_table()), "title": _text},
     # A table of the two networks before the folder had more files.
     "lacoloco/export": {"files": _either(_every(_text), _table()), "max_abs_difference": _metric},
     "lacoloco/switching": {

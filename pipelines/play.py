@@ -96,14 +96,15 @@ def run(
     for recording in shown:
         recording.validate(spec.num_joints)
     directory = context.store.begin(context.run, STAGE, at_once=True)
-    page = build_page(spec, shown, f"{context.run}: {shown[0].name}")
+    title = title_of(artifact, spec.name, shown)
+    page = build_page(spec, shown, title)
     directory.file(PAGE).write_text(page, encoding="utf-8")
     arrays, metadata = recordings.to_arrays(shown)
     write_artifact(
         directory.file("artifact.h5"),
         SCHEMA,
         arrays,
-        metadata=metadata,
+        metadata={**metadata, "title": title},
         config=asdict(config),
         seed=context.seed,
         robot=record_of(spec),
@@ -143,6 +144,15 @@ def record(
     raise StageError(
         f"{artifact.path}: '{artifact.schema}' shows nothing; play motions or a policy"
     )
+
+
+def title_of(artifact: Artifact, robot: str, shown: Sequence[Recording]) -> str:
+    """What a page shows, for its title: which policy or motions, of which robot, and how many."""
+    if artifact.schema == SCHEMA and artifact.metadata.get("title"):
+        return str(artifact.metadata["title"])
+    kind = "clip" if artifact.schema == clips.SCHEMA else "episode"
+    what = shown[0].name if len(shown) == 1 else f"{len(shown)} {kind}s"
+    return f"{_name(artifact.path)} ({robot}), {what}"
 
 
 def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Recording]:

@@ -15,14 +15,14 @@ from lacoloco.pipelines.viewing.recording import Recording
 
 Way = Literal["target", "follow", "fixed"]
 
-LOOKED_AT = 0.7
-"""Height of the point the camera looks at, in standing heights of the robot."""
+LOOKED_AT = 0.6
+"""Height of the point the camera looks at, in heights of the robot."""
 OPENING = 45.0
 """Degrees that the picture is high: the free camera's of MuJoCo."""
 INSIDE = 0.86
 """What must be seen keeps to this share of the picture."""
-BODY = 0.75
-"""Half of how far a robot reaches to all sides, in its standing heights."""
+BODY = 0.7
+"""How far a robot reaches around the point the camera looks at, in its heights."""
 STEADY = 1.0
 """Seconds over which a camera that shows robot and target moves."""
 
@@ -40,8 +40,8 @@ class Look:
             in the picture. "fixed": it stands still and sees the whole way.
         azimuth: Where the camera looks, degrees from world x to y.
         elevation: Degrees above the horizon that it looks; negative: down.
-        distance: From the camera to the point it looks at, in standing heights of the robot; more
-            where what must be seen asks for it.
+        distance: From the camera to the point it looks at, in heights of the robot; more where what
+            must be seen asks for it.
     """
 
     width: Annotated[int, Within(16, 4096)] = 360
@@ -51,7 +51,7 @@ class Look:
     camera: Way = "target"
     azimuth: Annotated[float, Within(-360.0, 360.0)] = 130.0
     elevation: Annotated[float, Within(-89.0, 0.0)] = -26.0
-    distance: Annotated[float, Within(0.5, 100.0)] = 3.8
+    distance: Annotated[float, Within(0.5, 100.0)] = 3.4
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def views_of(recording: Recording, look: Look, height: float) -> Views:
     Args:
         recording: N frames.
         look: How.
-        height: Of the robot in standing, m.
+        height: Of the highest point of the robot in standing, m.
 
     Raises:
         StageError: A camera that is not known.

@@ -1,7 +1,7 @@
 """One self-contained HTML page per playback: meshcat's viewer, the scene, and a small player.
 
-Meshcat's own static page has no text and no notion of frames, so the player (player.js) adds both:
-it seeks meshcat's animation and writes down what holds at that moment.
+Meshcat's own static page has no text and no notion of frames, so two scripts add both: pane.js
+seeks meshcat's animation and writes down what holds at that moment, player.js has the controls.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from lacoloco.datasets import rotations
 from lacoloco.pipelines.retargeting.filters import smooth
 from lacoloco.pipelines.retargeting.forward_kinematics import BodyPositions
 from lacoloco.pipelines.viewing import scene
+from lacoloco.pipelines.viewing.extent import standing_top
 from lacoloco.pipelines.viewing.recording import Recording
 from lacoloco.robots.spec import RobotSpec
 
@@ -29,10 +30,13 @@ FLOAT32 = 0x17
 """Extension type of meshcat's messages for an array of single-precision numbers."""
 TRACE, TARGET, BONES = 0x2A6FDB, 0xD7263D, 0x7A5C3E
 """Colours of the end effector's trace, the target and the animal."""
-BALL, ASIDE, LOOKED_AT = 0.065, 1.6, 0.48
-"""In standing heights of the robot: radius of the target and size of the animal's joints; how far
-to the left of the robot the animal walks when not over it; height of the point the camera looks at.
+BALL, ROD, ASIDE = 0.065, 0.018, 1.6
+"""In heights of the base of the standing robot: radius of the target and size of the animal's
+joints; radius of the animal's bones; how far to the left of the robot the animal walks when not
+over it.
 """
+LOOKED_AT = 0.44
+"""Height of the point the camera looks at, in heights of the robot."""
 
 
 def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> str:
@@ -47,16 +51,17 @@ def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> 
         HTML that needs no other file and no network.
     """
     height = spec.default_height()
-    commands = [*scene.world_commands(height), *scene.robot_commands(spec)]
+    top = standing_top(spec)
+    commands = [*scene.world_commands(top), *scene.robot_commands(spec)]
     end_effectors = EndEffector(spec)
     played = []
     for index, recording in enumerate(recordings):
         reached = end_effectors.positions(recording)
-        commands += _extras(index, recording, reached, BALL * height)
+        commands += _extras(index, recording, reached, height)
         animation = _packed(_animation(spec, recording))
         played.append(_player_data(recording, reached, ASIDE * height) | {"animation": animation})
     data = {
-        "eyeHeight": LOOKED_AT * height,
+        "eyeHeight": LOOKED_AT * top,
         "feet": [
             {"name": foot.removesuffix("_FOOT"), "geoms": scene.geom_paths(spec.model(), foot)}
             for foot in spec.feet
@@ -68,6 +73,7 @@ def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> 
     page = (here / "page.html").read_text(encoding="utf-8")
     parts = {
         "{{title}}": escape(title),
+        "{{pane}}": (here / "pane.js").read_text(encoding="utf-8"),
         "{{player}}": (here / "player.js").read_text(encoding="utf-8"),
         "{{data}}": json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
         "{{viewer}}": VIEWER.read_text(encoding="utf-8"),
@@ -93,19 +99,19 @@ class EndEffector:
 
 
 def _extras(
-    index: int, recording: Recording, reached: np.ndarray, size: float
+    index: int, recording: Recording, reached: np.ndarray, height: float
 ) -> list[scene.Command]:
-    """Trace, target and animal of one recording, below a node that is shown with it; the balls have
-    this size, m.
+    """Trace, target and animal of one recording, below a node that is shown with it; sizes follow
+    from the height of the base in standing, m.
     """
-    root = f"{scene.WORLD}/recording{index}"
+    root, ball = f"{scene.WORLD}/recording{index}", BALL * height
     commands = [scene.line_command(f"{root}/trace", reached, TRACE)]
     if recording.target is not None:
-        commands.append(scene.marker_command(f"{root}/target", size, TARGET))
+        commands.append(scene.marker_command(f"{root}/target", ball, TARGET))
     if recording.skeleton is not None:
-        commands.append(scene.segments_command(f"{root}/bones", len(recording.bones), BONES))
         count = recording.skeleton.shape[1]
-        commands.append(scene.points_command(f"{root}/joints", count, BONES, size))
+        commands.append(scene.rod_command(f"{root}/bone", ROD * height, BONES))
+        commands.append(scene.points_command(f"{root}/joints", count, BONES, ball))
     return commands
 
 

@@ -1,134 +1,98 @@
-// The player beside meshcat's viewer: chooses a recording, seeks its animation, and writes down what
-// holds at the frame that is shown. The address takes #recording=N&t=SECONDS (which pauses) and
-// &animal=over|beside|hidden.
+// The player: one clock for all panes, their number, and the controls. The address takes #recording=N, &t=SECONDS
+// (which pauses), &count=N, &speed=FACTOR and &animal=over|beside|hidden.
 "use strict";
 (() => {
-  const { scene, recordings, feet, eyeHeight } = window.PLAYBACK;
-  const STANDS = 0x1f9d55;
+  const { recordings } = window.PLAYBACK, MOST = 4;
   const byId = (id) => document.getElementById(id);
-  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  const viewer = new MeshCat.Viewer(byId("meshcat-pane"));
-  const node = (path) => viewer.scene_tree.find(path.split("/"));
-  scene.forEach((command) => viewer.handle_command_bytearray(bytes(command)));
+  const options = { follow: () => byId("follow").checked, animal: () => byId("animal").value };
+  const panes = [];
+  let first = 0, time = 0, playing = true, last = performance.now();
 
-  let current = 0, shown = -1, skeleton = null;
-  const materials = feet.map((foot) => foot.geoms.flatMap((path) => {
-    const found = [];
-    node(path).object.traverse((o) => { if (o.material) found.push([o.material, o.material.color.getHex()]); });
-    return found;
-  }));
+  const shown = () => panes.slice(0, Number(byId("count").value));
+  const fps = () => Math.max(...shown().map((pane) => pane.recording.fps));
+  const end = () => Math.max(...shown().map((pane) => (pane.recording.frames - 1) / pane.recording.fps));
+
+  // Side by side on a desk, one above the other on a phone held upright.
+  function layout() {
+    const count = shown().length, upright = innerHeight > innerWidth;
+    const columns = count === 1 ? 1 : count === 2 ? (upright ? 1 : 2) : 2;
+    byId("panes").style.gridTemplate = `repeat(${Math.ceil(count / columns)}, 1fr) / repeat(${columns}, 1fr)`;
+    byId("panes").classList.toggle("several", count > 1);
+    panes.forEach((pane, i) => { pane.box.style.display = i < count ? "" : "none"; });
+    shown().forEach((pane) => pane.resize());
+  }
 
   function choose(index) {
-    current = index;
-    shown = -1;
-    const recording = recordings[index];
-    recordings.forEach((_, i) => viewer.set_property(["world", `recording${i}`], "visible", i === index));
-    viewer.handle_command_bytearray(bytes(recording.animation));
-    skeleton = recording.skeleton ? new Float32Array(bytes(recording.skeleton).buffer) : null;
-    byId("animal").hidden = !skeleton;
-    byId("scrubber").max = recording.frames - 1;
-    byId("choice").value = index;
+    first = (index + recordings.length) % recordings.length;
+    const count = Number(byId("count").value);
+    while (panes.length < count) panes.push(new Pane(byId("panes"), options));
+    shown().forEach((pane, i) => pane.choose((first + i) % recordings.length));
+    byId("choice").value = first;
+    byId("animal").hidden = !shown().some((pane) => pane.skeleton);
+    byId("scrubber").max = Math.round(end() * fps());
+    time = 0;
+    layout();
   }
 
-  function seek(time) {
-    viewer.animator.pause();
-    viewer.animator.actions.forEach((action) => action.play());  // an action that never ran cannot be sought
-    viewer.animator.seek(time);
-    viewer.animator.display_progress(time);
+  function seek(seconds) {
+    playing = false;
+    time = Math.max(0, Math.min(end(), seconds));
   }
 
-  const vector = (v) => `(${v.map((x) => x.toFixed(2)).join(", ")})`;
-
-  function facts(recording, frame) {
-    const lines = [`time ${(frame / recording.fps).toFixed(2)} s   speed ${recording.speed[frame].toFixed(2)} m/s   ` +
-                   `height ${recording.height[frame].toFixed(3)} m`];
-    if (recording.target) {
-      lines.push(`target ${vector(recording.target[frame])} m   ` +
-                 `distance ${(100 * recording.distance[frame]).toFixed(1)} cm`);
-    }
-    return lines.join("\n");
+  function step(direction) {
+    if (playing) time = (time + direction + end()) % end();
+    else seek((Math.round(time * fps()) + direction) / fps());
   }
 
-  function element(parent, tag, className, text) {
-    const made = parent.appendChild(document.createElement(tag));
-    if (className) made.className = className;
-    if (text !== undefined) made.textContent = text;
-    return made;
+  function faster(direction) {
+    const select = byId("speed");
+    select.selectedIndex = Math.max(0, Math.min(select.length - 1, select.selectedIndex + direction));
   }
 
-  function write(recording, frame) {
-    const box = byId("facts");
-    box.textContent = "";
-    element(box, "h1", "", recording.name);
-    if (recording.note) element(box, "p", "note", recording.note);
-    element(box, "p", "", facts(recording, frame));
-    if (recording.contacts) {
-      feet.forEach((foot, i) => element(box, "span", recording.contacts[frame][i] ? "foot stands" : "foot", foot.name));
-    }
-    (recording.latent ? recording.latent[frame] : []).forEach((z, i) => {
-      const bar = element(box, "div", "bar"), fill = element(bar, "i");
-      fill.style.left = `${50 + 50 * Math.min(z, 0)}%`;
-      fill.style.width = `${50 * Math.abs(z)}%`;
-      element(bar, "span", "", `z${i + 1} ${z.toFixed(2)}`);
-    });
-  }
-
-  function draw(recording, frame) {
-    materials.forEach((parts, i) => parts.forEach(([material, own]) =>
-      material.color.setHex(recording.contacts && recording.contacts[frame][i] ? STANDS : own)));
-    node(`world/recording${current}/trace/<object>`).object.geometry.setDrawRange(0, frame + 1);
-    if (recording.target) node(`world/recording${current}/target`).object.position.set(...recording.target[frame]);
-    if (byId("follow").checked) follow(...recording.camera[frame]);
-    if (skeleton) drawBones(recording, frame);
-    viewer.set_dirty();
-  }
-
-  // meshcat's camera looks at the origin whatever happens, so the world moves instead.
-  function follow(x, y) {
-    node("world").object.position.set(-x, -y, -eyeHeight);
-  }
-
-  function drawBones(recording, frame) {
-    const where = byId("animal").value, width = skeleton.length / recording.frames;
-    const [x, y] = where === "beside" ? recording.aside[frame] : [0, 0];
-    const place = (name, points) => {
-      const drawn = node(`world/recording${current}/${name}/<object>`).object;
-      const positions = drawn.geometry.attributes.position;
-      points.forEach((point, i) => {
-        const start = frame * width + 3 * point;
-        positions.setXYZ(i, skeleton[start] + x, skeleton[start + 1] + y, skeleton[start + 2]);
-      });
-      positions.needsUpdate = true;
-      drawn.frustumCulled = false;
-      drawn.visible = where !== "hidden";
-    };
-    place("bones", recording.bones.flat());
-    place("joints", Array.from({ length: width / 3 }, (_, point) => point));
-  }
-
-  function tick() {
+  function tick(now) {
     requestAnimationFrame(tick);
-    const recording = recordings[current];
-    const frame = Math.min(Math.round(viewer.animator.time * recording.fps), recording.frames - 1);
-    byId("play").textContent = viewer.animator.playing ? "pause" : "play";
-    if (frame === shown) return;
-    shown = frame;
-    byId("scrubber").value = frame;
-    write(recording, frame);
-    draw(recording, frame);
+    if (playing) time = (time + (now - last) / 1000 * Number(byId("speed").value)) % Math.max(end(), 1e-6);
+    last = now;
+    byId("play").textContent = playing ? "pause" : "play";
+    byId("scrubber").value = Math.round(time * fps());
+    shown().forEach((pane) => pane.show(time));
   }
 
-  recordings.forEach((recording, i) => { element(byId("choice"), "option", "", recording.name).value = i; });
-  const toggle = () => (viewer.animator.playing ? viewer.animator.pause() : viewer.animator.play());
+  const toggle = () => { playing = !playing; };
+  const again = () => panes.forEach((pane) => { pane.shown = -1; });
+  const keys = {
+    " ": toggle, ArrowLeft: () => step(-1), ArrowRight: () => step(1), ArrowUp: () => choose(first - 1),
+    ArrowDown: () => choose(first + 1), "+": () => faster(1), "=": () => faster(1), "-": () => faster(-1),
+  };
+  recordings.forEach((recording, i) => byId("choice").add(new Option(recording.name, i)));
+  for (let count = 1; count <= Math.min(MOST, recordings.length); count++) {
+    if (count !== 3) byId("count").add(new Option(count === 1 ? "one" : `${count} side by side`, count));
+  }
+  byId("count").hidden = byId("choice").hidden = recordings.length === 1;
   byId("play").onclick = toggle;
-  byId("animal").onchange = byId("follow").onchange = () => { shown = -1; };
+  byId("back").onclick = () => step(-1);
+  byId("forth").onclick = () => step(1);
+  byId("animal").onchange = byId("follow").onchange = again;
   byId("choice").onchange = (event) => choose(Number(event.target.value));
-  byId("scrubber").oninput = (event) => seek(Number(event.target.value) / recordings[current].fps);
-  document.onkeydown = (event) => { if (event.key === " " && event.target === document.body) toggle(); };
+  byId("count").onchange = () => choose(first);
+  byId("scrubber").oninput = (event) => seek(Number(event.target.value) / fps());
+  // a button keeps no focus: space would press it again
+  document.querySelectorAll("button").forEach((button) => button.addEventListener("click", () => button.blur()));
+  document.onkeydown = (event) => {
+    if (event.target.tagName === "SELECT" || event.ctrlKey || event.altKey || event.metaKey || !keys[event.key]) return;
+    event.preventDefault();
+    keys[event.key]();
+  };
+  addEventListener("resize", layout);
+  addEventListener("load", layout);
 
   const asked = new URLSearchParams(location.hash.slice(1));
-  if (asked.has("animal")) byId("animal").value = asked.get("animal");
-  choose(Math.min(Number(asked.get("recording") || 0), recordings.length - 1));
-  if (asked.has("t")) seek(Number(asked.get("t")));
-  tick();
+  for (const name of ["animal", "count", "speed"]) {
+    if (asked.has(name) && [...byId(name).options].some((option) => option.value === asked.get(name))) {
+      byId(name).value = asked.get(name);
+    }
+  }
+  choose(Math.max(0, Math.min(Number(asked.get("recording")) || 0, recordings.length - 1)));
+  if (asked.has("t")) seek(Number(asked.get("t")) || 0);
+  requestAnimationFrame(tick);
 })();

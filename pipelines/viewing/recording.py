@@ -88,8 +88,14 @@ def from_clip(clip: Clip) -> Recording:
         root_quat=np.asarray(clip.root_quat, dtype=np.float64),
         joint_pos=np.asarray(clip.joint_pos, dtype=np.float64),
         contacts=clip.contacts,
-        note=", ".join(part for part in (clip.skill, clip.source, clip.licence) if part),
+        note=_about(clip),
     )
+
+
+def _about(clip: Clip) -> str:
+    """Skill, source and licence in one line, each with its name: alone, "unknown" says nothing."""
+    said = {"skill": clip.skill, "source": clip.source, "licence": clip.licence}
+    return ", ".join(f"{name}: {value}" for name, value in said.items() if value)
 
 
 def to_arrays(recordings: Sequence[Recording]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -16,6 +16,7 @@ from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.stage import SILENT, Progress
 from lacoloco.pipelines.viewing.camera import Look, free_camera, views_of
 from lacoloco.pipelines.viewing.drawn_scene import SUN, scene_model
+from lacoloco.pipelines.viewing.extent import standing_top
 from lacoloco.pipelines.viewing.gif import encode_gif
 from lacoloco.pipelines.viewing.mp4 import encode_mp4
 from lacoloco.pipelines.viewing.offscreen import Painter
@@ -91,7 +92,8 @@ def draw_frames(
     recording = at_rate(recording, look.fps / look.speed)
     height = spec.default_height()
     model = scene_model(spec, look.width, look.height, ball=recording.target is not None)
-    data, camera, views = mujoco.MjData(model), free_camera(look), views_of(recording, look, height)
+    data, camera = mujoco.MjData(model), free_camera(look)
+    views = views_of(recording, look, standing_top(spec))
     progress.start("drawing", recording.frames)
     with Painter(model, look.width, look.height) as painter:
         for index in range(recording.frames):

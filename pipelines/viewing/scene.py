@@ -26,13 +26,13 @@ WORLD = "world"
 meshcat's controls always look at the origin."""
 GROUND_SIZE = 60.0
 """m."""
-CAMERA = np.array([2.07, 0.95, 2.38])
-"""Where the camera stands, in standing heights of the robot; meshcat turns its camera's frame so
-that y is up there: (x, z, -y) of the world.
+CAMERA = np.array([1.9, 0.87, 2.19])
+"""Where the camera stands, in heights of the robot; meshcat turns its camera's frame so that y is
+up there: (x, z, -y) of the world.
 """
-LIGHT = np.array([1.6, 2.5, 9.5])
-"""Where the light that casts shadows hangs, in standing heights of the robot: above its head, and
-so far away that all of a robot of any size is in the cone."""
+LIGHT = np.array([1.5, 2.3, 8.7])
+"""Where the light that casts shadows hangs, in heights of the robot: above its head, and so far
+away that all of a robot of any size is in the cone."""
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -68,7 +68,7 @@ def world_commands(height: float) -> list[Command]:
     """Ground at z = 0 in squares of half a metre, a sky, and where the camera stands.
 
     Args:
-        height: Of the robot in standing, m.
+        height: Of the highest point of the robot in standing, m.
     """
     ground = g.Box([GROUND_SIZE, GROUND_SIZE, 0.02])
     # Phong is lit per pixel; Lambert would be lit at the distant corners only, and take no shadow.
@@ -113,11 +113,11 @@ def line_command(path: str, points: np.ndarray, color: int) -> Command:
     return SetObject(line, None, _path(path)).lower()
 
 
-def segments_command(path: str, count: int, color: int) -> Command:
-    """`count` segments, all at the origin until their ends are set."""
-    geometry = g.PointsGeometry(np.zeros((3, 2 * count), dtype=np.float32))
-    segments = g.LineSegments(geometry, g.LineBasicMaterial(color=color))
-    return SetObject(segments, None, _path(path)).lower()
+def rod_command(path: str, radius: float, color: int) -> Command:
+    """A rod of length 1 m along y around the origin; the player makes others of it, and places
+    them: lines are one pixel thin in browsers.
+    """
+    return _object(path, g.Cylinder(1.0, radius), g.MeshLambertMaterial(color=color))
 
 
 def points_command(path: str, count: int, color: int, size: float) -> Command:

@@ -2,6 +2,7 @@ import base64
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from lacoloco.pipelines.retargeting.forward_kinematics import BodyPositions
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.pipelines.viewing import page as pages
 from lacoloco.pipelines.viewing import recording
-from lacoloco.pipelines.viewing.recording import Recording
+from lacoloco.pipelines.viewing.extent import standing_top
+from lacoloco.pipelines.viewing.recording import Recording, from_clip
 from lacoloco.pipelines.viewing.scene import world_commands
 from lacoloco.robots.registry import load_robot, robot_names
 
@@ -102,9 +104,54 @@ def test_the_page_needs_nothing_from_anywhere(full, solo12):
     assert not re.findall(r"(?:src|href)=|https?://|@import|fetch\(", ours)
 
 
+def test_the_title_names_what_is_shown_and_stays_when_it_is_played_again(context, motions):
+    first = playback.run(PlaybackConfig(clips=2), context, source=motions)
+    title = f"<title>{motions.stem} (solo12), 2 clips</title>"
+    again = playback.run(PlaybackConfig(), context, source=first.artifact)
+    for made in (first, again):
+        assert title in Path(made.metrics["html"]).read_text()
+
+
+def test_a_note_names_what_it_says(make_clip):
+    clip = make_clip(joints=12, skill="unknown")
+    assert from_clip(replace(clip, licence="CC0", source="")).note == "skill: unknown, licence: CC0"
+    assert from_clip(replace(clip, skill="", licence="", source="")).note == ""
+
+
+def test_the_page_fits_a_phone_and_takes_keys(full, solo12):
+    page = pages.build_page(solo12, [full, full], "title")
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
+    ids = re.findall(r'byId\("(\w+)"\)', page)
+    assert set(ids) <= set(re.findall(r'id="(\w+)"', page))  # no control that is not there
+    for key in ('" "', "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"):
+        assert f"{key}:" in page
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_the_whole_robot_is_in_the_picture(name):
+    """The page's camera has 75 degrees from top to bottom, and looks at the height of the eye."""
+    spec = load_robot(name)
+    data = data_of(pages.build_page(spec, [make_recording(spec)], "title"))
+    (x, z, y) = next(
+        c["value"]
+        for c in map(unpacked, data["scene"])
+        if c["path"].startswith("/Cameras/") and c["type"] == "set_property"
+    )
+    level, tilt = np.hypot(x, y), np.arctan2(z, np.hypot(x, y))
+    for height in (0.0, standing_top(spec)):
+        angle = np.arctan2(height - data["eyeHeight"] - z, level) + tilt
+        assert abs(np.degrees(angle)) < 30
+
+
+def test_a_humanoid_is_higher_than_its_pelvis(solo12):
+    h1 = load_robot("h1")
+    assert standing_top(h1) == pytest.approx(1.72, abs=0.03)  # 1.8 m says its maker, legs straight
+    assert 1.0 < standing_top(solo12) / solo12.default_height() < 1.2
+
+
 def test_a_note_cannot_end_the_script(full, solo12):
     page = pages.build_page(solo12, [replace(full, note="</script><b>")], "title")
-    assert page.count("</script>") == 3
+    assert page.count("</script>") == 4
     assert data_of(page)["recordings"][0]["note"] == "</script><b>"
 
 
@@ -169,7 +216,7 @@ def local_pose(command, fixed, path, frame):
 
 @pytest.mark.parametrize(
     ("node", "metres"),
-    [("/Cameras/default/", [0.65, 0.3, 0.75]), ("/Lights/SpotLight/", [0.5, 0.8, 3.0])],
+    [("/Cameras/default/", [0.65, 0.3, 0.75]), ("/Lights/SpotLight/", [0.51, 0.79, 2.98])],
 )
 def test_camera_and_light_stand_back_from_a_larger_robot(solo12, node, metres):
     small, large = (
@@ -178,10 +225,10 @@ def test_camera_and_light_stand_back_from_a_larger_robot(solo12, node, metres):
             for c in world_commands(height)
             if c["path"].startswith(node) and c["property"] == "position"
         )
-        for height in (solo12.default_height(), 1.0)
+        for height in (standing_top(solo12), 1.0)
     )
     assert small == pytest.approx(metres, abs=2e-2)
-    assert np.allclose(large, np.array(small) / solo12.default_height())
+    assert np.allclose(large, np.array(small) / standing_top(solo12))
 
 
 def test_every_geom_of_the_robot_is_drawn(solo12, full):
@@ -209,6 +256,7 @@ def test_recordings_survive_their_artifact(context, full, motions, solo12, tmp_p
         np.testing.assert_array_equal(getattr(again, name), getattr(full, name))
     assert (again.name, again.fps, again.bones, again.note) == ("test", FPS, full.bones, "a note")
     assert bare.target is None
+    assert playback.title_of(read_artifact(path), "solo12", [again, bare]).endswith("2 episodes")
     assert playback.run(PlaybackConfig(), context, source=path).metrics["recordings"] == [
         "test",
         "bare",
