@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lacoloco_cli import clean, console, coverage, plot, publish, report
+from lacoloco_cli import clean, console, coverage, plot, publish, report, run_page
 from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, path_text, verb
@@ -25,13 +25,14 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="List, show, plot, report, verify, clean and publish what lies in runs/.",
+    help="List, show, plot, report, page, verify, clean and publish what lies in runs/.",
 )
 app.add_typer(clean.app)
 app.add_typer(plot.app)
 app.add_typer(coverage.app)
 app.add_typer(publish.app)
 app.add_typer(report.app)
+app.add_typer(run_page.app)
 
 _WHAT = "A run, an artifact, its directory, or a published name; default: "
 Shown = Annotated[

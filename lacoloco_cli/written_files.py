@@ -29,8 +29,14 @@ STARTS = {
 PICTURES = ("png", "pdf", "svg")
 """Kinds of a figure; matplotlib writes more, which few programs show."""
 PAGE = "page of lacoloco"
+RUN_PAGE = "page of a run"
 TEXT = "text"
-_MARKS = {PAGE: (b"<!doctype html>", b"meshcat-pane"), "SVG": (b"<svg",)}
+_RUN = b'content="lacoloco-run"'
+_MARKS = {
+    RUN_PAGE: (b"<!doctype html>", _RUN),
+    PAGE: (b"<!doctype html>", b"meshcat-pane"),
+    "SVG": (b"<svg",),
+}
 """Kind -> what stands near the beginning of its files, in lower case."""
 _LOOKED_AT = 8192
 
@@ -83,7 +89,7 @@ def check_output(option: str, file: Path, kind: str, runs: Path) -> Path:
     except OSError as error:
         raise UserError(f"{option} {file}: {error.strerror}; name another file") from error
     if not replaceable:
-        name = kind if kind in (PAGE, TEXT) else kind.upper()
+        name = kind if kind in (PAGE, RUN_PAGE, TEXT) else kind.upper()
         raise UserError(f"{option} {file}: exists and is not a {name}; name another file")
     return place
 

@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.plots.logs import Training, trainings
 from lacoloco.pipelines.plots.panels import PANELS, TITLES, Line, Panel
 from lacoloco.pipelines.plots.style import COLOURS, DASHES, GREY, label_y, paper_style, save
@@ -46,8 +47,15 @@ def plot_run(store: RunStore, run: str, file: Path) -> dict[str, list[str]]:
 
 
 def draw(stages: dict[str, list[Training]], title: str) -> Figure:
-    """A section per stage, each with the panels that its trainings have metrics for."""
+    """A section per stage, each with the panels that its trainings have metrics for.
+
+    Raises:
+        StageError: No training has logged anything that is drawn.
+    """
     shown = {stage: _shown(PANELS[stage], members) for stage, members in stages.items()}
+    stages = {stage: members for stage, members in stages.items() if shown[stage]}
+    if not stages:
+        raise StageError(f"{title}: its trainings have logged nothing to draw yet; train on")
     rows = {stage: -(-len(panels) // COLUMNS) for stage, panels in shown.items()}
     heads = {
         stage: 0.5 + 0.17 * (-(-len(members) // LEGEND_COLUMNS))

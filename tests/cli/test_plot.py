@@ -54,3 +54,11 @@ def test_nothing_is_drawn_into_a_run_that_is_not_there(tmp_path):
     assert result.exit_code == 2
     assert "no log" in result.stderr
     assert not (RunStore().root / "new").exists()
+
+
+def test_a_training_that_has_logged_nothing_to_draw_is_no_bug():
+    partial = RunStore().begin("young", "train-low")
+    partial.file("metrics.jsonl").write_text('{"training": "train-low gan seed 3", "samples": 0}\n')
+    result = invoke("young")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert "nothing to draw yet" in result.stderr
