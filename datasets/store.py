@@ -20,6 +20,7 @@ from lacoloco.datasets import locks
 from lacoloco.datasets.atomic_write import abandoned, remove_leftovers, sync_directory, write_file
 from lacoloco.datasets.beside import ARTIFACT, LOCK, PARTIAL, working_files
 from lacoloco.datasets.errors import ArtifactError, storage_errors
+from lacoloco.datasets.roots import NUMBERING, nearest_root
 from lacoloco.datasets.work import Work, in_one_line
 
 _NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}")
@@ -29,8 +30,6 @@ _LAST = ".last"
 _BEGINNING = ".beginning"
 _REMOVED = ".removed"
 """Endings of a directory that is not a partial one yet, and of one that is none any more."""
-_NUMBERING = ".numbering"
-"""Locked while a partial directory is made, looked for, completed or removed."""
 
 
 @dataclass
@@ -125,10 +124,10 @@ class RunStore:
         """Name the directory; nothing is made or read yet.
 
         Args:
-            root: the runs directory; default `$LACOLOCO_RUNS`, else `runs` in the working
-                directory.
+            root: the runs directory; default `$LACOLOCO_RUNS`, else the nearest `runs` with runs in
+                the working directory or above it, else `runs` in the working directory.
         """
-        self.root = Path(root or os.environ.get("LACOLOCO_RUNS") or "runs")
+        self.root = Path(root or os.environ.get("LACOLOCO_RUNS") or nearest_root())
 
     def last_run(self) -> str | None:
         """Name of the run used last, None in a fresh directory."""
@@ -379,15 +378,10 @@ def _delete(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def is_root(directory: Path) -> bool:
-    """Whether a directory holds runs."""
-    return (directory / _NUMBERING).is_file()
-
-
 @contextmanager
 def _turn(root: Path) -> Iterator[None]:
     """One process at a time among all that work in these runs."""
-    with locks.turn(root / _NUMBERING):
+    with locks.turn(root / NUMBERING):
         yield
 
 

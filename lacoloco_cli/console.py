@@ -12,12 +12,15 @@ import typer
 
 if TYPE_CHECKING:
     import rich.live
+    import rich.table
 
     from lacoloco.pipelines.stage import Progress
 
 Clock = Callable[[], float]
 READABLE = 110
 """Width of a wrapped table."""
+ROUNDED_OFF = 1e-9
+"""A number below is what rounding has left of zero."""
 
 
 def note(line: str) -> None:
@@ -180,21 +183,50 @@ class Bar:
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[Any]], *, title: str | None = None
 ) -> None:
-    """Print a table on stdout; numbers to the right, everything else to the left."""
+    """Print a table on stdout; numbers to the right, everything else to the left.
+
+    In a terminal that is too narrow for it, columns become lines: a row folded in every cell is not
+    read by anybody.
+    """
     from rich.console import Console
-    from rich.table import Table
 
     rows = [list(row) for row in rows]
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    console = Console(markup=False, highlight=False)
+    if not console.is_terminal:
+        console.width = 1000  # a pipe has no edge to wrap at
+    table = _table(columns, rows, title)
+    if rows and len(columns) > 2 and table_width(columns, rows) > console.width:
+        for row in rows:
+            lines = [[column, cell_text(cell)] for column, cell in zip(columns, row, strict=True)]
+            console.print(_table(("", ""), lines, title, headings=False))
+            title = None
+            console.print()
+        return
+    console.print(table)
+
+
+def table_width(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> int:
+    """Letters in a line of a table that is not wrapped; two are between columns."""
+    cells = [[column, *(cell_text(row[i]) for row in rows)] for i, column in enumerate(columns)]
+    return sum(max(map(len, column)) for column in cells) + 2 * (len(columns) - 1)
+
+
+def _table(
+    columns: Sequence[str],
+    rows: Sequence[Sequence[Any]],
+    title: str | None,
+    *,
+    headings: bool = True,
+) -> rich.table.Table:
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, show_header=headings)
     for index, column in enumerate(columns):
         numeric = bool(rows) and all(_is_number(row[index]) for row in rows)
         table.add_column(column, justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*(cell_text(cell) for cell in row))
-    console = Console(markup=False, highlight=False)
-    if not console.is_terminal:
-        console.width = 1000  # a pipe has no edge to wrap at
-    console.print(table)
+    return table
 
 
 def print_wrapped(columns: Mapping[str, int | None], rows: Iterable[Sequence[str]]) -> None:
@@ -222,6 +254,8 @@ def cell_text(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, float):
+        if abs(value) < ROUNDED_OFF:
+            return "0"
         return f"{value:.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
     if isinstance(value, int) and not isinstance(value, bool):
         return f"{value:,}" if abs(value) >= 10_000 else str(value)

@@ -111,7 +111,7 @@ def evaluate(
     coverage: dict[str, Any] = {}
     if policy is None:
         policy, coverage = policies_of_run(session, seeds, fill)
-    policy = [resolve(one) for one in policy]
+    policy = session.takes(*(resolve(one) for one in policy))
     result = stage.run(config, session.context(), policies=policy)
     answer = {"artifact": path_text(result.artifact), **result.metrics, **coverage}
     if place is not None and figure is not None:

@@ -50,7 +50,7 @@ def export(
         )
         return
     config = session.config(stage.PRESETS)
-    policy = resolve(policy) if policy else best(session)
+    (policy,) = session.takes(resolve(policy) if policy else best(session))
     result = stage.run(config, session.context(), policy=policy)
     onnx = {role: path_text(Path(path)) for role, path in result.metrics["onnx"].items()}
     answer = {"artifact": path_text(result.artifact), **result.metrics, "onnx": onnx}

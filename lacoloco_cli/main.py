@@ -12,6 +12,7 @@ import typer
 import typer.core
 import typer.main
 
+from lacoloco_cli.examples import epilog
 from lacoloco_cli.failures import USER_MISTAKE, UserError, explain
 
 VERBS = {
@@ -60,6 +61,7 @@ class FrontDoor(typer.core.TyperGroup):
             module = import_module(f"lacoloco_cli.{VERBS[name][0]}")
             command = typer.main.get_command(module.app)
             command.name = name
+            command.epilog = command.epilog or epilog(name)
             # typer adds these to every app; a verb has no completion of its own
             completion = ("install_completion", "show_completion")
             command.params = [p for p in command.params if p.name not in completion]
@@ -108,7 +110,6 @@ def _refuse(error: Exception, arguments: Sequence[str]) -> int:
 app = typer.Typer(
     name="lacoloco",
     cls=FrontDoor,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="From example motions to a legged robot that walks to a point and touches it.",
     epilog="The chain: generate or retarget and track, train-low, train-high, eval, export, play.",

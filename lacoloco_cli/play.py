@@ -36,8 +36,8 @@ def play(
         Path | None,
         typer.Argument(
             metavar="[ARTIFACT]",
-            help="Motions, a policy, an earlier playback, or the name of a published one; default:"
-            " the run's policy, else its motions.",
+            help="Motions, a policy, an earlier playback, a run, or the name of a published one;"
+            " default: the policy of the run used last, else its motions.",
         ),
     ] = None,
     clip: Annotated[
@@ -48,6 +48,12 @@ def play(
         Path | None,
         typer.Option("--html", metavar="FILE", help="Write the page there; open no browser."),
     ] = None,
+    port: Annotated[
+        int,
+        typer.Option(
+            "--port", min=0, max=65535, help="Of the page on this machine; 0: any that is free."
+        ),
+    ] = 0,
     latents: Annotated[
         str | None,
         typer.Option(
@@ -90,18 +96,30 @@ def play(
             raise UserError("--video: shows one thing; leave out --html, and name one --clip")
         draw_video(session, named_source(session, source), latents_of(latents), options, clip or ())
         return
-    write_page(session, source, html, clip or (), latents)
+    write_page(session, source, html, clip or (), latents, port)
 
 
 def named_source(session: Session, source: Path | None) -> Path:
-    """What is played: an artifact by its path or published name, else the run's newest.
+    """What is played: an artifact by its path, its folder or its published name, or the newest of a
+    run, by its name or its folder; default: of the session's run.
 
     Raises:
         UserError: The run has nothing to play.
+        DatasetError: There is nothing of that name.
     """
-    from lacoloco.datasets.published import resolve
+    from lacoloco.datasets.beside import ARTIFACT
+    from lacoloco.datasets.published import find, resolve
 
-    return resolve(source) if source else newest(session)
+    if source is None:
+        return newest(session, session.run_name)
+    if (source / ARTIFACT).is_file():
+        return source / ARTIFACT
+    store = session.store
+    named = source.parent == Path() and find(str(source)) is None
+    inside = source.is_dir() and source.resolve().parent == store.root.resolve()
+    if (named or inside) and not source.is_file() and source.resolve().name in store.runs():
+        return newest(session, source.resolve().name)
+    return resolve(source)
 
 
 def write_page(
@@ -110,6 +128,7 @@ def write_page(
     html: Path | None,
     names: Sequence[str],
     latents: str | None,
+    port: int = 0,
 ) -> None:
     """Write the page, and open it where somebody watches."""
     from lacoloco.pipelines import play as stage
@@ -125,7 +144,7 @@ def write_page(
     payload["html"] = str(html or page)
     session.answer(payload, lambda: typer.echo(payload["html"]))
     if html is None and not session.as_json and watched():
-        show(page)
+        show(page, port)
 
 
 def page_place(session: Session, html: Path) -> Path:
@@ -149,18 +168,18 @@ def latents_of(text: str | None) -> str:
     raise UserError(f"--latents {text}: use random, or a seed, a whole number from 0")
 
 
-def newest(session: Session) -> Path:
-    """What is played by default.
+def newest(session: Session, run: str) -> Path:
+    """What is played of a run by default.
 
     Raises:
         UserError: The run has nothing to play.
     """
     for stage in PLAYABLE:
-        found = session.store.all(session.run_name, stage)
+        found = session.store.all(run, stage)
         if found:
             return found[-1]
     raise UserError(
-        f"run '{session.run_name}' has nothing to play; name an artifact, or make motions with"
+        f"run '{run}' has nothing to play; name an artifact, or make motions with"
         " `lacoloco retarget`"
     )
 
@@ -172,13 +191,17 @@ def watched() -> bool:
     return sys.stdout.isatty()
 
 
-def show(page: Path) -> None:
-    """Show a page in the browser until Ctrl-C; where there is no screen, say where it is."""
+def show(page: Path, port: int = 0) -> None:
+    """Show a page in the browser until Ctrl-C; where there is no screen, say where it is.
+
+    Raises:
+        StageError: Another program has the port.
+    """
     import webbrowser
 
     from lacoloco.pipelines.viewing.server import served
 
-    with suppress(KeyboardInterrupt), served(page.read_bytes()) as address:
+    with suppress(KeyboardInterrupt), served(page.read_bytes(), port) as address:
         note(f"{address}  (Ctrl-C ends)")
         screen = sys.platform in ("darwin", "win32")
         if screen or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):

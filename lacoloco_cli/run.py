@@ -21,6 +21,16 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
+NAMES = (
+    "quickstart",
+    "solo12-synthetic",
+    "solo12-dog",
+    "solo12-dog-reach",
+    "h1-human",
+    "h1-synthetic",
+)
+"""The experiments, said here as well: help imports none of them."""
+
 Set = Annotated[
     list[str] | None,
     typer.Option(
@@ -83,7 +93,7 @@ FromScratch = Annotated[
 def run(
     session: Session,
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="quickstart, solo12-synthetic, ...")
+        str | None, typer.Argument(metavar="NAME", help=f"One of {', '.join(NAMES)}.")
     ] = None,
     disc: Annotated[
         str, typer.Option("--disc", metavar="gan|drail", help="Discriminator of the low level.")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import os
 import shlex
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -41,6 +42,16 @@ if TYPE_CHECKING:
     from lacoloco.pipelines.stage import Progress, StageContext
 
 Config = TypeVar("Config")
+
+NEXT = {
+    "generate": "train-low",
+    "retarget": "track",
+    "track": "train-low",
+    "train-low": "train-high",
+    "train-high": "eval",
+    "eval": "play",
+}
+"""Verb -> the one that takes what it made."""
 
 
 @dataclass
@@ -127,7 +138,10 @@ class Session:
         )
 
     def context(self, seed: int | None = None, *, resume: bool | None = None) -> StageContext:
-        """Make the context that a stage runs in; the run becomes the one used last.
+        """Make the context that a stage runs in.
+
+        The run becomes the one used last when a stage begins something in it: neither a call that
+        fails before, nor one that only reads, leads the next verb elsewhere.
 
         Args:
             seed: Another seed than that of `--seed`.
@@ -136,8 +150,6 @@ class Session:
         from lacoloco.pipelines.stage import StageContext
 
         check_device(self.device)
-        if self.speaks:
-            self.store.use(self.run_name)
         return StageContext(
             store=self.store,
             run=self.run_name,
@@ -148,6 +160,13 @@ class Session:
             command=self.command,
             progress=self.progress,
         )
+
+    def takes(self, *inputs: Path) -> list[Path]:
+        """Say in one line which artifacts the verb takes, before it starts; gives them back."""
+        if self.speaks:
+            named = ", ".join(path_text(path) for path in inputs)
+            self.progress.say(f"{self.verb} of run '{self.run_name}' takes {named}")
+        return list(inputs)
 
     def answer(self, payload: Mapping[str, Any], show: Callable[[], None] | None = None) -> None:
         """Give the result: as the JSON object with `--json`, else through `show`.
@@ -166,6 +185,9 @@ class Session:
         else:
             for key, value in payload.items():
                 typer.echo(f"{key}: {console.cell_text(value)}")
+        if self.verb in NEXT and sys.stderr.isatty() and not (self.as_json or self.quiet):
+            command = ["lacoloco", NEXT[self.verb], "--run", self.run_name]
+            console.note(f"next: {shlex.join(command)}")
 
     def how_to_continue(self) -> str:
         """What to do after an interruption."""

@@ -64,7 +64,7 @@ def measure(
     place = None
     if out is not None:
         place = check_output(option, out, check_ending(option, out, ("png",)), session.store.root)
-    policy = resolve(policy) if policy else best(session)
+    (policy,) = session.takes(resolve(policy) if policy else best(session))
     result = stage.run(
         config, session.context(), policy=policy, motions=[resolve(one) for one in motions]
     )

@@ -35,6 +35,7 @@ def track(
     config = session.config(stage.PRESETS)
     given = motions or session.begun_inputs()
     sources = [resolve(one) for one in given or _newest(session)]
+    session.takes(*sources)
     result = stage.run(config, session.context(), motions=sources)
     session.answer({"artifact": path_text(result.artifact), **result.metrics})
 

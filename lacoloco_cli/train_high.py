@@ -51,7 +51,8 @@ def train_high(
 
     def chosen_low(context: StageContext) -> Path:
         begun = session.begun_inputs() if context.resume else []
-        return low or (begun[0] if begun else newest_low(session, context.seed))
+        (chosen,) = session.takes(low or (begun or [newest_low(session, context.seed)])[0])
+        return chosen
 
     train_seeds(
         session,

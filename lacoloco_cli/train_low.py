@@ -11,7 +11,7 @@ import typer
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import Checkpoint, Observe, Seeds
 from lacoloco_cli.seeds import observing, taken_over, train_seeds
-from lacoloco_cli.session import Session, verb
+from lacoloco_cli.session import Session, path_text, verb
 
 if TYPE_CHECKING:
     from lacoloco.pipelines.learn.ase import Discriminator
@@ -34,7 +34,11 @@ def train_low(
     ] = None,
     motions: Annotated[
         list[Path] | None,
-        typer.Option("--motions", help="Motions, or their published name; may be repeated."),
+        typer.Option(
+            "--motions",
+            help="Motions, or their published name; may be repeated; default: the run's newest"
+            " generated ones, or its newest retargeted or imported ones, as `track` performed them.",
+        ),
     ] = None,
     observe: Observe = None,
     checkpoint: Checkpoint = None,
@@ -56,7 +60,7 @@ def train_low(
     if checkpoint is not None:
         config = taken_over(session, checkpoint, stage.TrainLowConfig())
     motions = motions or session.begun_inputs() or newest_motions(session)
-    motions = [resolve(one) for one in motions]
+    motions = session.takes(*(resolve(one) for one in motions))
     train_seeds(
         session,
         seeds,
@@ -67,10 +71,11 @@ def train_low(
 
 
 def newest_motions(session: Session) -> list[Path]:
-    """The run's newest motions of every verb that made some; those of `retarget` and
-    `motions import` only if nobody performed them.
+    """The run's newest motions: generated ones, or retargeted or imported ones, as they were
+    performed if they were.
 
     Raises:
+        UserError: The run has several kinds, and only the user knows which are meant.
         ArtifactError: None made any; the message names a verb that does.
     """
     from lacoloco.datasets.artifact import read_header
@@ -86,5 +91,14 @@ def newest_motions(session: Session) -> list[Path]:
                 "`lacoloco track` has not followed the newest retargeted motions: taking those it "
                 "did"
             )
-    others = performed or retargeted + imported
-    return generated + others or [store.newest(run, "generate")]
+    kinds = [kind for kind in (generated, performed or retargeted) if kind]
+    if imported and not performed:
+        kinds.append(imported)
+    found = [path for kind in kinds for path in kind]
+    if len(kinds) > 1:
+        verbs = " and of ".join(path.parents[1].name for path in found)
+        named = " ".join(f"--motions {path_text(path)}" for path in found)
+        raise UserError(
+            f"run '{run}' has motions of {verbs}; name those to train on, or all: {named}"
+        )
+    return found or [store.newest(run, "generate")]

@@ -96,7 +96,7 @@ def check_output(option: str, file: Path, kind: str, runs: Path) -> Path:
 
 def among_runs(place: Path, runs: Path) -> bool:
     """Whether a place lies in the directory of runs, or in another one of that kind."""
-    from lacoloco.datasets.store import is_root
+    from lacoloco.datasets.roots import is_root
 
     return place.is_relative_to(runs.resolve()) or any(map(is_root, place.parents))
 

@@ -113,10 +113,12 @@ class StageContext:
     def begin(self, stage: str, work: Work, label: str = "") -> StageDir:
         """Open the working directory of a stage: a new version, or the unfinished one.
 
+        The run is the one used last from now on.
+
         Raises:
             ArtifactError: See `RunStore.begin`.
         """
-        return self.store.begin(
+        directory = self.store.begin(
             self.run,
             stage,
             work=work,
@@ -125,6 +127,8 @@ class StageContext:
             version=self.version,
             or_begin=self.or_begin,
         )
+        self.store.use(self.run)
+        return directory
 
 
 @dataclass(frozen=True)

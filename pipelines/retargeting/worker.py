@@ -32,7 +32,7 @@ from lacoloco.pipelines.retargeting.validation import check_recording
 from lacoloco.pipelines.robot import record_of
 from lacoloco.robots.registry import load_robot
 
-SAMPLE_LICENCE = "BSD-3-Clause"
+SAMPLE_LICENCE = "CC0-1.0"
 MOST_UNSOLVED = 0.05
 """Share of the frames without a solution from which a clip is a failure."""
 

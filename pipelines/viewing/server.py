@@ -7,10 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+from lacoloco.pipelines.errors import StageError
+
 
 @contextmanager
-def served(page: bytes) -> Iterator[str]:
-    """Serve one page on a free port of 127.0.0.1; gives its address."""
+def served(page: bytes, port: int = 0) -> Iterator[str]:
+    """Serve one page on 127.0.0.1; gives its address.
+
+    Args:
+        page: HTML.
+        port: 0: any that is free.
+
+    Raises:
+        StageError: The port is not to be had.
+    """
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -25,7 +35,10 @@ def served(page: bytes) -> Iterator[str]:
         def log_message(self, format: str, *args: object) -> None:
             """Say nothing: the terminal belongs to the command."""
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    try:
+        server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+    except OSError as error:
+        raise StageError(f"--port {port}: {error.strerror}; use another one, or 0") from error
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
         yield f"http://127.0.0.1:{server.server_address[1]}/"

@@ -128,7 +128,32 @@ def test_duration(seconds, text):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(None, "-"), (True, "True"), (0.123456, "0.1235"), (123456.7, "123,457"), (12345, "12,345")],
+    [
+        (None, "-"),
+        (True, "True"),
+        (0.123456, "0.1235"),
+        (123456.7, "123,457"),
+        (12345, "12,345"),
+        (2.665e-13, "0"),
+        (-5e-5, "-5e-05"),
+    ],
 )
 def test_cell(value, text):
     assert console.cell_text(value) == text
+
+
+def in_a_terminal(monkeypatch, columns):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", str(columns))
+
+
+def test_a_table_that_is_too_wide_for_the_terminal_becomes_lines(monkeypatch, capsys):
+    columns = [f"a long heading {i}" for i in range(16)]
+    in_a_terminal(monkeypatch, 80)
+    console.print_table(columns, [[float(i) for i in range(16)]] * 2)
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert lines[3] == "a long heading 3   3"
+    assert len(lines) == 2 * 17
+    in_a_terminal(monkeypatch, 400)
+    console.print_table(columns, [[float(i) for i in range(16)]] * 2)
+    assert len(capsys.readouterr().out.splitlines()) == 3

@@ -274,3 +274,28 @@ def test_without_opengl_one_line_says_what_to_install(motions, tmp_path, monkeyp
     assert result.exit_code == 2
     assert "OpenGL" in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+def test_a_run_is_played_by_its_folder_or_its_name(motions, tmp_path):
+    for source in (RunStore().directory("seen"), "seen", motions.parent):
+        result = invoke(source, "--html", tmp_path / "page.html", "--json")
+        assert result.exit_code == 0, result.stderr
+        assert json.loads(result.stdout)["recordings"] == ["circle"]
+    empty = RunStore().directory("empty")
+    empty.mkdir()
+    result = invoke(empty, "--html", tmp_path / "page.html")
+    assert result.exit_code == 2 and "run 'empty' has nothing to play" in result.stderr
+
+
+def test_the_page_is_served_at_the_port_asked_for(motions, monkeypatch):
+    import socket
+
+    monkeypatch.setattr(play, "watched", lambda: True)
+    monkeypatch.setattr(play, "forever", interrupted)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        result = invoke("--port", port)
+        assert result.exit_code == 2
+        assert f"--port {port}: " in result.stderr and result.stderr.count("\n") == 1
+    result = invoke("--port", port)
+    assert f"http://127.0.0.1:{port}/" in result.stderr
