@@ -147,9 +147,13 @@ class Session:
             seed: Another seed than that of `--seed`.
             resume: Another answer than that of `--resume`.
         """
+        from lacoloco.datasets.roots import check_writable
         from lacoloco.pipelines.stage import StageContext
 
         check_device(self.device)
+        if self.speaks:
+            self.store.directory(self.run_name)  # refuses what cannot be a directory name
+            check_writable(self.store.root)
         return StageContext(
             store=self.store,
             run=self.run_name,
@@ -207,6 +211,7 @@ class Session:
         if not (self.resume and recall(self.store, self.run_name, self.verb)):
             arguments = without_resume(self.arguments[1:])
             remember(self.store, self.run_name, self.verb, arguments)
+        self.store.use(self.run_name)
 
     def recall(self, context: typer.Context, *, several_stages: bool) -> dict[str, Any]:
         """With `--resume`: take what was typed the first time and not again now.

@@ -379,7 +379,9 @@ def test_run_defaults_to_the_one_used_last():
     names = []
 
     def body(session: Session) -> None:
-        names.append(session.context().run)
+        context = session.context()
+        context.begin("retarget", context.work(Config(), RobotRecord("", "")))
+        names.append(context.run)
 
     for arguments in ([], ["--run", "dog"], [], ["--run", "cat"], []):
         assert invoke(body, *arguments).exit_code == 0
