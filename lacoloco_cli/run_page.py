@@ -29,6 +29,7 @@ def page_of_run(
 ) -> None:
     """Write a run as one page: stages, results, curves, figures, playback and lineage."""
     from lacoloco.datasets.atomic_write import write_file
+    from lacoloco.pipelines import train_high, train_low
     from lacoloco.pipelines.viewing.gallery import build_run_page
 
     run = run or session.run_name
@@ -37,7 +38,8 @@ def page_of_run(
     if out.absolute() != usual.absolute():  # the one page that belongs among the runs
         check_ending("--out", out, ("html", "htm"))
         place = check_output("--out", out, RUN_PAGE, session.store.root)
-    content = build_run_page(session.store, run).encode()
+    shown = {"train-low": train_low.LOG_KEYS, "train-high": train_high.LOG_KEYS}
+    content = build_run_page(session.store, run, shown).encode()
     write_file(place, content, replace=True)
     payload = {"page": path_text(out), "run": run, "bytes": len(content)}
     session.answer(payload, lambda: typer.echo(payload["page"]))

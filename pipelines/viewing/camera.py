@@ -11,6 +11,7 @@ import numpy as np
 from lacoloco.datasets.config_values import Within
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.filters import lower_envelope, smooth
+from lacoloco.pipelines.viewing.extent import Extent
 from lacoloco.pipelines.viewing.recording import Recording
 
 Way = Literal["target", "follow", "fixed"]
@@ -21,8 +22,8 @@ OPENING = 45.0
 """Degrees that the picture is high: the free camera's of MuJoCo."""
 INSIDE = 0.86
 """What must be seen keeps to this share of the picture."""
-BODY = 0.7
-"""How far a robot reaches around the point the camera looks at, in its heights."""
+BODY = 0.6
+"""How far a robot reaches around the point the camera looks at, in its sizes."""
 STEADY = 1.0
 """Seconds over which a camera that shows robot and target moves."""
 
@@ -40,7 +41,7 @@ class Look:
             in the picture. "fixed": it stands still and sees the whole way.
         azimuth: Where the camera looks, degrees from world x to y.
         elevation: Degrees above the horizon that it looks; negative: down.
-        distance: From the camera to the point it looks at, in heights of the robot; more where what
+        distance: From the camera to the point it looks at, in sizes of the robot; more where what
             must be seen asks for it.
     """
 
@@ -51,7 +52,7 @@ class Look:
     camera: Way = "target"
     azimuth: Annotated[float, Within(-360.0, 360.0)] = 130.0
     elevation: Annotated[float, Within(-89.0, 0.0)] = -26.0
-    distance: Annotated[float, Within(0.5, 100.0)] = 3.4
+    distance: Annotated[float, Within(0.5, 100.0)] = 2.3
 
 
 @dataclass(frozen=True)
@@ -70,32 +71,32 @@ def free_camera(look: Look) -> mujoco.MjvCamera:
     return camera
 
 
-def views_of(recording: Recording, look: Look, height: float) -> Views:
+def views_of(recording: Recording, look: Look, extent: Extent) -> Views:
     """Where the camera is in each frame of a recording.
 
     Args:
         recording: N frames.
         look: How.
-        height: Of the highest point of the robot in standing, m.
+        extent: Of the robot.
 
     Raises:
         StageError: A camera that is not known.
     """
     robot = smooth(recording.root_pos, 0.3 * recording.fps).copy()
-    robot[:, 2] = LOOKED_AT * height
-    near = np.full(len(robot), look.distance * height)
+    robot[:, 2] = LOOKED_AT * extent.top
+    near = np.full(len(robot), look.distance * extent.size)
     if look.camera == "follow" or (look.camera == "target" and recording.target is None):
         return Views(robot, near)
     target = robot if recording.target is None else recording.target
     if look.camera == "target":
         point = smooth(0.5 * (robot + target), STEADY * recording.fps)
-        far = np.maximum(_needed(point, robot, BODY * height, look), near)
+        far = np.maximum(_needed(point, robot, BODY * extent.size, look), near)
         far = np.maximum(_needed(point, target, 0.0, look), far)
         return Views(point, _steady(far, recording.fps))
     if look.camera == "fixed":
         both = np.concatenate([robot, target])
         point = np.broadcast_to(0.5 * (both.min(0) + both.max(0)), robot.shape)
-        far = np.maximum(_needed(point, robot, BODY * height, look), near)
+        far = np.maximum(_needed(point, robot, BODY * extent.size, look), near)
         far = np.maximum(_needed(point, target, 0.0, look), far)
         return Views(point, np.full(len(robot), far.max()))
     raise StageError(f"camera '{look.camera}': use target, follow or fixed")

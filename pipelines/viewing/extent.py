@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 
 import mujoco
@@ -10,17 +11,29 @@ import numpy as np
 from lacoloco.robots.spec import RobotSpec
 
 
-def standing_top(spec: RobotSpec) -> float:
-    """Height of the highest point of the robot in the default pose, its feet on the floor, m.
+@dataclass(frozen=True)
+class Extent:
+    """Of a robot in its default pose, its feet on the floor.
 
-    Not that of its base: a humanoid is nearly twice as high as its pelvis. Of each geom the corners
-    of its bounding box count.
+    Attributes:
+        top: Height of its highest point, m. Not that of its base: a humanoid is nearly twice as
+            high as its pelvis.
+        size: Its height or its length, whichever is more, m: how far away a camera must be.
     """
+
+    top: float
+    size: float
+
+
+def standing_extent(spec: RobotSpec) -> Extent:
+    """Measure a robot; of each geom the corners of its bounding box count."""
     model = spec.model()
     data = mujoco.MjData(model)
     data.qpos[:] = spec.default_qpos()
     mujoco.mj_kinematics(model, data)
     corners = np.array(list(product((-1.0, 1.0), repeat=3)))
     boxes = model.geom_aabb[:, None, :3] + corners * model.geom_aabb[:, None, 3:]
-    up = data.geom_xmat.reshape(-1, 3, 3)[:, 2]
-    return float((data.geom_xpos[:, None, 2] + np.einsum("gci,gi->gc", boxes, up)).max())
+    turned = np.einsum("gij,gcj->gci", data.geom_xmat.reshape(-1, 3, 3), boxes)
+    points = (data.geom_xpos[:, None] + turned).reshape(-1, 3)
+    top = float(points[:, 2].max())
+    return Extent(top, max(top, float(np.ptp(points[:, :2], axis=0).max())))

@@ -25,12 +25,13 @@ SHOWN_METRICS = 12
 """As many of a stage's metrics as fit in a glance."""
 
 
-def build_run_page(store: RunStore, run: str) -> str:
+def build_run_page(store: RunStore, run: str, shown: Mapping[str, Sequence[str]]) -> str:
     """Make the page.
 
     Args:
         store: The runs.
         run: Which of them.
+        shown: Stage -> the metrics of it that a person wants to see; others show the first few.
 
     Returns:
         HTML.
@@ -49,7 +50,7 @@ def build_run_page(store: RunStore, run: str) -> str:
     parts = [
         _problems(problems),
         _section("Stages", _stages(store, run, versions, headers)),
-        _section("Results", "".join(_results(headers[path]) for path in newest)),
+        _section("Results", "".join(_results(headers[path], shown) for path in newest)),
         _section("Curves", curves),
         _section("Figures", "".join(_figures(versions))),
         _section("Playback", "".join(_playbacks(versions))),
@@ -99,7 +100,7 @@ def _problems(problems: Sequence[str]) -> str:
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    head = "".join(f"<th>{escape(column)}</th>" for column in columns)
+    head = "".join(f"<th>{escape(column.replace('_', ' '))}</th>" for column in columns)
     body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
     return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>\n'
 
@@ -132,7 +133,7 @@ def _stages(
     return _table(("stage", "version", "state", "seed", "created", "command"), rows)
 
 
-def _results(header: Header) -> str:
+def _results(header: Header, shown: Mapping[str, Sequence[str]]) -> str:
     """The rows of an evaluation, or the metrics of another stage that are plain numbers."""
     name = f"<h3>{escape('/'.join(header.path.parts[-3:-1]))}</h3>\n"
     evaluated = header.metadata.get("rows")
@@ -140,7 +141,8 @@ def _results(header: Header) -> str:
         keys = [key for key in evaluated[0] if all(_plain(row.get(key)) for row in evaluated)]
         return name + _table(keys, [[row.get(key) for key in keys] for row in evaluated])
     metrics = header.metadata.get("metrics") or {}
-    rows = [[key, value] for key, value in metrics.items() if _plain(value)]
+    wanted = shown.get(header.path.parts[-3], metrics)
+    rows = [[key, metrics[key]] for key in wanted if _plain(metrics.get(key))]
     return name + _table(("metric", "value"), rows[:SHOWN_METRICS]) if rows else ""
 
 

@@ -21,7 +21,7 @@ from lacoloco.datasets import rotations
 from lacoloco.pipelines.retargeting.filters import smooth
 from lacoloco.pipelines.retargeting.forward_kinematics import BodyPositions
 from lacoloco.pipelines.viewing import scene
-from lacoloco.pipelines.viewing.extent import standing_top
+from lacoloco.pipelines.viewing.extent import standing_extent
 from lacoloco.pipelines.viewing.recording import Recording
 from lacoloco.robots.spec import RobotSpec
 
@@ -51,8 +51,8 @@ def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> 
         HTML that needs no other file and no network.
     """
     height = spec.default_height()
-    top = standing_top(spec)
-    commands = [*scene.world_commands(top), *scene.robot_commands(spec)]
+    extent = standing_extent(spec)
+    commands = [*scene.world_commands(extent.size), *scene.robot_commands(spec)]
     end_effectors = EndEffector(spec)
     played = []
     for index, recording in enumerate(recordings):
@@ -61,7 +61,7 @@ def build_page(spec: RobotSpec, recordings: Sequence[Recording], title: str) -> 
         animation = _packed(_animation(spec, recording))
         played.append(_player_data(recording, reached, ASIDE * height) | {"animation": animation})
     data = {
-        "eyeHeight": LOOKED_AT * top,
+        "eyeHeight": LOOKED_AT * extent.top,
         "feet": [
             {"name": foot.removesuffix("_FOOT"), "geoms": scene.geom_paths(spec.model(), foot)}
             for foot in spec.feet

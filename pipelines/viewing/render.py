@@ -16,7 +16,7 @@ from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.stage import SILENT, Progress
 from lacoloco.pipelines.viewing.camera import Look, free_camera, views_of
 from lacoloco.pipelines.viewing.drawn_scene import SUN, scene_model
-from lacoloco.pipelines.viewing.extent import standing_top
+from lacoloco.pipelines.viewing.extent import standing_extent
 from lacoloco.pipelines.viewing.gif import encode_gif
 from lacoloco.pipelines.viewing.mp4 import encode_mp4
 from lacoloco.pipelines.viewing.offscreen import Painter
@@ -93,7 +93,7 @@ def draw_frames(
     height = spec.default_height()
     model = scene_model(spec, look.width, look.height, ball=recording.target is not None)
     data, camera = mujoco.MjData(model), free_camera(look)
-    views = views_of(recording, look, standing_top(spec))
+    views = views_of(recording, look, standing_extent(spec))
     progress.start("drawing", recording.frames)
     with Painter(model, look.width, look.height) as painter:
         for index in range(recording.frames):

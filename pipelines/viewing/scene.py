@@ -26,12 +26,12 @@ WORLD = "world"
 meshcat's controls always look at the origin."""
 GROUND_SIZE = 60.0
 """m."""
-CAMERA = np.array([1.9, 0.87, 2.19])
-"""Where the camera stands, in heights of the robot; meshcat turns its camera's frame so that y is
+CAMERA = np.array([1.26, 0.58, 1.45])
+"""Where the camera stands, in sizes of the robot; meshcat turns its camera's frame so that y is
 up there: (x, z, -y) of the world.
 """
-LIGHT = np.array([1.5, 2.3, 8.7])
-"""Where the light that casts shadows hangs, in heights of the robot: above its head, and so far
+LIGHT = np.array([1.0, 1.5, 5.8])
+"""Where the light that casts shadows hangs, in sizes of the robot: above its head, and so far
 away that all of a robot of any size is in the cone."""
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -64,11 +64,11 @@ def geom_paths(model: mujoco.MjModel, body: str) -> list[str]:
     return [f"{body_path(model, owner)}/geom{geom}" for geom in geoms]
 
 
-def world_commands(height: float) -> list[Command]:
+def world_commands(size: float) -> list[Command]:
     """Ground at z = 0 in squares of half a metre, a sky, and where the camera stands.
 
     Args:
-        height: Of the highest point of the robot in standing, m.
+        size: Of the robot, m; see `Extent`.
     """
     ground = g.Box([GROUND_SIZE, GROUND_SIZE, 0.02])
     # Phong is lit per pixel; Lambert would be lit at the distant corners only, and take no shadow.
@@ -84,10 +84,10 @@ def world_commands(height: float) -> list[Command]:
         _property("Lights/FillLight/<object>", "position", [-2.0, -3.0, 10.0]),
         _property("Lights/SpotLight", "visible", True),  # for the shadows
         _property("Lights/SpotLight/<object>", "castShadow", True),
-        _property("Lights/SpotLight/<object>", "position", (LIGHT * height).tolist()),
+        _property("Lights/SpotLight/<object>", "position", (LIGHT * size).tolist()),
         _property("Lights/SpotLight/<object>", "intensity", 0.5),
         _property("Lights/SpotLight/<object>", "penumbra", 1.0),
-        _property("Cameras/default/rotated/<object>", "position", (CAMERA * height).tolist()),
+        _property("Cameras/default/rotated/<object>", "position", (CAMERA * size).tolist()),
     ]
 
 

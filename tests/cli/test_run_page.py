@@ -42,7 +42,7 @@ def run():
     """A run `seen`, the last one used: a policy, its evaluation, its page, and a training."""
     store = RunStore()
     policy = made(
-        store, "train-high", "lacoloco/policy", metrics={"trained_error": 0.0251, "x": []}
+        store, "train-high", "lacoloco/policy", metrics={"final_error": 0.0251, "kl": 0.125}
     )
     rows = [{"method": "drail-cat", "seed": 3, "ee_error_mean_m": 0.0263, "intervals": {}}]
     evaluation = {"rows": rows, "best": rows[0], "summary": {}, "protocol": "development"}
@@ -64,8 +64,9 @@ def test_the_page_holds_all_of_a_run(run):
     assert headings == ["Stages", "Results", "Curves", "Figures", "Playback", "Lineage"]
     assert "<td>lacoloco eval --set note=&lt;b&gt;</td>" in page
     assert "<td>unfinished</td>" in page
-    assert "<td>trained_error</td><td class=number>0.0251</td>" in page
-    assert "<th>ee_error_mean_m</th>" in page and "<td class=number>0.0263</td>" in page
+    assert "<td>final_error</td><td class=number>0.0251</td>" in page
+    assert "<th>ee error mean m</th>" in page and "<td class=number>0.0263</td>" in page
+    assert "<td>kl</td>" not in page  # nobody looks for it here
     assert base64.b64encode(PNG).decode() in page
     pictures = [base64.b64decode(text) for text in re.findall(r"base64,([^\"]+)", page)]
     assert [one.startswith(b"\x89PNG") for one in pictures] == [True, True]  # curves, the shift
@@ -88,7 +89,7 @@ def test_a_damaged_artifact_hides_no_other(run):
     assert invoke().exit_code == 0
     page = (run / "page.html").read_text()
     assert "<td>damaged</td>" in page and 'class="bad"' in page
-    assert "trained_error" in page
+    assert "final_error" in page
 
 
 def test_it_replaces_only_a_page_of_its_own_kind(run, tmp_path):

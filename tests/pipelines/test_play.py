@@ -19,7 +19,7 @@ from lacoloco.pipelines.retargeting.forward_kinematics import BodyPositions
 from lacoloco.pipelines.stage import StageContext
 from lacoloco.pipelines.viewing import page as pages
 from lacoloco.pipelines.viewing import recording
-from lacoloco.pipelines.viewing.extent import standing_top
+from lacoloco.pipelines.viewing.extent import standing_extent
 from lacoloco.pipelines.viewing.recording import Recording, from_clip
 from lacoloco.pipelines.viewing.scene import world_commands
 from lacoloco.robots.registry import load_robot, robot_names
@@ -138,15 +138,22 @@ def test_the_whole_robot_is_in_the_picture(name):
         if c["path"].startswith("/Cameras/") and c["type"] == "set_property"
     )
     level, tilt = np.hypot(x, y), np.arctan2(z, np.hypot(x, y))
-    for height in (0.0, standing_top(spec)):
+    angles = []
+    for height in (0.0, standing_extent(spec).top):
         angle = np.arctan2(height - data["eyeHeight"] - z, level) + tilt
-        assert abs(np.degrees(angle)) < 30
+        angles.append(np.degrees(angle))
+    assert max(map(abs, angles)) < 30
+    assert angles[1] - angles[0] > 15  # and large enough to be seen
 
 
 def test_a_humanoid_is_higher_than_its_pelvis(solo12):
     h1 = load_robot("h1")
-    assert standing_top(h1) == pytest.approx(1.72, abs=0.03)  # 1.8 m says its maker, legs straight
-    assert 1.0 < standing_top(solo12) / solo12.default_height() < 1.2
+    extent = standing_extent(h1)
+    assert extent.top == pytest.approx(1.72, abs=0.03)  # 1.8 m says its maker, legs straight
+    assert extent.size == extent.top
+    lying = standing_extent(solo12)
+    assert 1.0 < lying.top / solo12.default_height() < 1.2
+    assert lying.size == pytest.approx(0.5, abs=0.05)  # its length
 
 
 def test_a_note_cannot_end_the_script(full, solo12):
@@ -222,13 +229,13 @@ def test_camera_and_light_stand_back_from_a_larger_robot(solo12, node, metres):
     small, large = (
         next(
             c["value"]
-            for c in world_commands(height)
+            for c in world_commands(size)
             if c["path"].startswith(node) and c["property"] == "position"
         )
-        for height in (standing_top(solo12), 1.0)
+        for size in (standing_extent(solo12).size, 1.0)
     )
     assert small == pytest.approx(metres, abs=2e-2)
-    assert np.allclose(large, np.array(small) / standing_top(solo12))
+    assert np.allclose(large, np.array(small) / standing_extent(solo12).size)
 
 
 def test_every_geom_of_the_robot_is_drawn(solo12, full):

@@ -5,9 +5,11 @@ import pytest
 
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.viewing.camera import Look, axes_of, views_of
+from lacoloco.pipelines.viewing.extent import Extent
 from lacoloco.pipelines.viewing.recording import Recording
 
-HEIGHT = 0.24  # of the robot in standing, m
+HEIGHT = 0.24  # of the robot's base in standing, m
+EXTENT = Extent(top=0.3, size=0.5)
 
 
 @pytest.fixture
@@ -38,7 +40,7 @@ def in_the_picture(views, look, points):
 @pytest.mark.parametrize("size", [(640, 480), (240, 480)])
 def test_robot_and_target_are_always_in_the_picture(walk, camera, azimuth, elevation, size):
     look = Look(*size, camera=camera, azimuth=azimuth, elevation=elevation)
-    views = views_of(walk, look, HEIGHT)
+    views = views_of(walk, look, EXTENT)
     assert in_the_picture(views, look, walk.root_pos).all()
     assert in_the_picture(views, look, walk.target).all()
     if camera == "fixed":
@@ -46,18 +48,18 @@ def test_robot_and_target_are_always_in_the_picture(walk, camera, azimuth, eleva
 
 
 def test_the_camera_moves_smoothly_when_the_target_jumps(walk):
-    views = views_of(walk, Look(), HEIGHT)
+    views = views_of(walk, Look(), EXTENT)
     assert np.abs(np.diff(views.distance)).max() * walk.fps < 3  # m/s
     assert np.abs(np.diff(views.point, axis=0)).max() * walk.fps < 2
 
 
 def test_a_camera_that_follows_keeps_its_distance_and_shows_the_robot(walk):
     look = Look(camera="follow")
-    views = views_of(walk, look, HEIGHT)
-    np.testing.assert_allclose(views.distance, look.distance * HEIGHT)
+    views = views_of(walk, look, EXTENT)
+    np.testing.assert_allclose(views.distance, look.distance * EXTENT.size)
     assert in_the_picture(views, look, walk.root_pos).all()
     assert not in_the_picture(views, look, walk.target).all()
-    alone = views_of(replace(walk, target=None), Look(camera="target"), HEIGHT)
+    alone = views_of(replace(walk, target=None), Look(camera="target"), EXTENT)
     np.testing.assert_allclose(alone.point, views.point)
 
 
@@ -68,4 +70,4 @@ def test_axes_are_those_of_the_world():
 
 def test_an_unknown_camera_is_refused(walk):
     with pytest.raises(StageError, match="target, follow or fixed"):
-        views_of(walk, Look(camera="drone"), HEIGHT)
+        views_of(walk, Look(camera="drone"), EXTENT)
