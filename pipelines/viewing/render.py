@@ -114,7 +114,15 @@ def at_rate(recording: Recording, fps: float) -> Recording:
     series = {name: getattr(recording, name) for name in names}
     known = {name: np.asarray(rows, float) for name, rows in series.items() if rows is not None}
     blended = resampled(known, recording.fps, fps)
-    return Recording(name=recording.name, fps=fps, note=recording.note, **blended)
+    return Recording(
+        name=recording.name,
+        fps=fps,
+        root_pos=blended["root_pos"],
+        root_quat=blended["root_quat"],
+        joint_pos=blended["joint_pos"],
+        target=blended.get("target"),
+        note=recording.note,
+    )
 
 
 def _pose(data: mujoco.MjData, recording: Recording, index: int) -> None:
