@@ -37,7 +37,7 @@ def train_low(
         typer.Option(
             "--motions",
             help="Motions, or their published name; may be repeated; default: the run's newest"
-            " generated ones, or its newest retargeted or imported ones, as `track` performed them.",
+            " generated ones, or its newest retargeted or imported ones as `track` performed them.",
         ),
     ] = None,
     observe: Observe = None,
