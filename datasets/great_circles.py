@@ -10,8 +10,8 @@ from lacoloco.datasets.hashing import available_cores
 
 COLUMNS = 9
 """Numbers of a row: q, e and the angle."""
-_CHUNK = 1 << 15
-"""Rows at a time: their numbers in double precision stay in the cache."""
+_CHUNK = 1 << 12
+"""Rows at a time: their numbers in double precision stay in the cache of a core."""
 
 
 def great_circles(quat: np.ndarray, offsets: np.ndarray) -> np.ndarray:
@@ -32,7 +32,8 @@ def great_circles(quat: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     edges = np.unique(np.append(edges, len(quat)))
 
     def fill(start: int, stop: int) -> None:
-        inside = offsets[(offsets > start) & (offsets < stop)] - start
+        first, last = np.searchsorted(offsets, start, "right"), np.searchsorted(offsets, stop)
+        inside = offsets[first:last] - start
         rows[start:stop] = _circles(quat[start:stop].astype(np.float64), inside)
 
     with ThreadPoolExecutor(available_cores()) as pool:
