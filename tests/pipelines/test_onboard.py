@@ -39,9 +39,10 @@ def chain(tmp_path_factory, make_clips):
     solo12, motions = load_robot("solo12"), folder / "motions.h5"
     save_clips(motions, make_clips(solo12), robot=record_of(solo12), config={})
     context = StageContext(RunStore(folder), "onboard")
-    config = replace(train_low.smoke(), observation=ObservationConfig("onboard"))
+    onboard = ObservationConfig("onboard")
+    config = replace(train_low.smoke(), worlds=4, coverage_latents=2, observation=onboard)
     low = train_low.run(config, context, motions=[motions]).artifact
-    high = train_high.run(train_high.smoke(), context, low=low).artifact
+    high = train_high.run(replace(train_high.smoke(), worlds=4), context, low=low).artifact
     return SimpleNamespace(context=context, motions=motions, low=low, high=high)
 
 

@@ -87,7 +87,7 @@ def test_noise_is_that_of_training_and_the_episodes_stay_the_same(solo12):
         assert torch.equal(usual.parameters.friction, other.parameters.friction)
     real, seen = walked(noisy, 400)
     away = (seen - real).abs().flatten(0, 1).amax(dim=0)
-    scale = noisy._noise[:34]
+    scale = noisy.noise_scale[:34]
     assert (away <= scale + 1e-6).all() and (away > 0.95 * scale).all()
     walked(usual, 400)
     assert torch.equal(usual.frame(), noisy.frame()), "pushes included"
