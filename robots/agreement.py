@@ -61,7 +61,9 @@ def compare_engines(spec: RobotSpec, *, poses: int, seed: int) -> Disagreement:
         worst = np.maximum(worst, differences)
     limits = np.stack(
         [lower - pin_model.lowerPositionLimit[7:], upper - pin_model.upperPositionLimit[7:]]
-    )
+    )[:, upper > lower]
+    efforts = spec.effort_limits()
+    stated = efforts > 0.0  # a limit that the MJCF lacks is a mistake of its own
     position, rotation, mass_matrix, gravity = (float(w) for w in worst)
     return Disagreement(
         position,
@@ -69,8 +71,8 @@ def compare_engines(spec: RobotSpec, *, poses: int, seed: int) -> Disagreement:
         mass_matrix,
         gravity,
         total_mass=abs(spec.total_mass() - sum(i.mass for i in pin_model.inertias)),
-        joint_limits=float(np.abs(limits).max()),
-        effort_limits=float(np.abs(spec.effort_limits() - pin_model.effortLimit[6:]).max()),
+        joint_limits=float(np.abs(limits).max(initial=0.0)),
+        effort_limits=float(np.abs(efforts - pin_model.effortLimit[6:])[stated].max(initial=0.0)),
     )
 
 
