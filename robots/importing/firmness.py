@@ -31,7 +31,7 @@ STIFFEST = 16.0
 
 
 def stand_firmly(facts: Facts, final: mujoco.MjModel, text: str, name: str) -> tuple[Facts, Stance]:
-    """Stiffen the legs until the robot stands for ten seconds and sags no more than ``FIRM``.
+    """Stiffen what carries the robot until it stands for ten seconds and sags by ``FIRM`` at most.
 
     Returns:
         The facts with those gains, and how it stands with them. Where no stiffness will do, as for

@@ -68,7 +68,7 @@ def propose_gains(
         legs: Its legs.
         angles: (J,) standing pose, rad.
         efforts: (J,) torque limits, N.m; 0: unknown.
-        firmness: Factor on the stiffness of the legs, see :mod:`.firmness`.
+        firmness: Factor on the stiffness of legs and waist, see :mod:`.firmness`.
     """
     import mujoco
 
@@ -81,8 +81,11 @@ def propose_gains(
     unknown = inertia * (2.0 * np.pi * FREQUENCY) ** 2
     stiffness = np.where(efforts > 0.0, efforts / FULL_TORQUE, unknown)
     stiffness = np.maximum(stiffness, load / SAG)
-    stiffness = np.maximum(stiffness, STEADY * _toppling(model, data, legs))
-    stiffness[[joint - 1 for leg in legs for joint in leg.limb.joints]] *= firmness
+    toppling = _toppling(model, data, legs)
+    stiffness = np.maximum(stiffness, STEADY * toppling)
+    carrying = toppling > 0.0  # a torso that leans on its waist tips the robot, too
+    carrying[[joint - 1 for leg in legs for joint in leg.limb.joints]] = True
+    stiffness[carrying] *= firmness
     critical = 2.0 * np.sqrt(stiffness * inertia)
     own = model.dof_damping.reshape(model.nv, -1)[6:, 0]
     damping = np.maximum(DAMPING_RATIO * critical - own, LEAST_DAMPING * critical)

@@ -218,7 +218,7 @@ def test_a_humanoid_stands_over_its_feet_and_passes_the_check(made):
     weight = robot.model().body_subtreemass[torso] * 9.81
     height = data.subtree_com[torso, 2] - data.body("torso").xpos[2]
     waist = robot.stiffness[robot.joint_names.index("waist")]
-    assert waist == pytest.approx(max(60.0, 2.0 * weight * height), rel=0.01)
+    assert waist > 0.99 * max(60.0, 2.0 * weight * height)
 
 
 def test_the_tasks_of_an_imported_humanoid_can_be_played(made):
