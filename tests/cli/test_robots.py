@@ -51,7 +51,7 @@ def test_check_finds_both_robots_sound(call):
         assert values["rotations, MuJoCo - Pinocchio"] < 1e-12
         assert values["mass matrix, MuJoCo - Pinocchio"] < 1e-10
         assert values["joint order in Pinocchio"] == 0
-    assert "h1: ok" in call("check", "h1").stdout
+    assert "solo12: ok" in call("check", "solo12").stdout
 
 
 def test_check_draws_the_standing_robot(call, tmp_path, monkeypatch):
