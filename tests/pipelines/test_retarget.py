@@ -68,7 +68,7 @@ def test_the_bundled_dog_becomes_a_clip(context, whole_dog, config, worst_error)
 
     (clip,) = load_clips(result.artifact, robot="solo12")
     assert clip.joint_names == load_robot("solo12").joint_names
-    assert (clip.skill, clip.licence, clip.source) == ("dog", "BSD-3-Clause", DOG_BVH.name)
+    assert (clip.skill, clip.licence, clip.source) == ("dog", "CC0-1.0", DOG_BVH.name)
     assert clip.contacts.shape == (721, 4)
     artifact = read_artifact(result.artifact)
     assert [Path(parent.path).name for parent in artifact.parents] == [DOG_BVH.name]
