@@ -150,18 +150,20 @@ class LowTrainer:
         moves = infer_actions(self.spec, self.clips, env.task.action_scale)
         actions, previous = with_memory(self.clips, moves, env.task.memory)
         noise = env.noise_scale
-        # Who is asked sees the state itself. Fitted to noisy views of it, the answers to a small
-        # tilt or sway would shrink: 20 % of the H1's episodes ended in a fall, then 11 %.
-        unknown = torch.zeros_like(noise) if config.expert_rounds else noise
         data = CloningData(
             self.clips.flattened().frames,
             previous,
             actions,
-            unknown,
+            noise,
             before=self.clips.before,
             history=config.observation.of_policy.history,
             columns=None if env.view is None else env.view.columns,
         )
+        if config.expert_rounds:
+            # Who is asked knows the state and the last action. Fitted to noisy views of them, the
+            # answers shrink: small corrections that keep a robot up, and steps from the last action
+            # by which an arm is led.
+            data = replace(data, noise=torch.zeros_like(noise), action_noise=0.0)
         scattered = config.latent_noise if config.expert_rounds else 0.0
         cloning = Cloning(
             self.clips, self.embedding, data, self._cloned, self.generator, latent_noise=scattered
