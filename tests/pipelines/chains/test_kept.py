@@ -33,7 +33,7 @@ def ran(monkeypatch):
 
         def run(config, context, **inputs):
             calls.append(verb)
-            metadata = {"method": "drail-cat"}
+            metadata = {"method": "drail-cat", "heads": {"low": {"layout": []}}}
             asked = Work({}, context.seed, record_of(load_robot("solo12")), ())
             if verb in ("generate", *TRAINED):
                 asked = module.work(config, context, **inputs)

@@ -132,7 +132,7 @@ def test_an_episode_counts_until_it_ends_and_never_after(solo12, policies, short
             limits, lost = torch.ones(2, 4), torch.tensor([decision >= 2, decision > 4])
             return Decision(each, fell, timed_out, error, limits, each, sampled, above, lost)
 
-    monkeypatch.setattr(episodes, "LatentSteeredEnv", Scripted)
+    monkeypatch.setattr(episodes, "steered", lambda env, policies: Scripted(env, None, 7))
     played = play_episodes(solo12, policies, 2, worlds=2, seed=0)
     assert played.error.tolist() == [0.5, 0.5]
     assert played.fell.tolist() == [True, False]
