@@ -63,7 +63,7 @@ def test_resume_leaves_out_what_is_done_and_begins_what_is_not(train, trained):
     trained.clear()
     work = Work({}, 2, RobotRecord("", ""), command="lacoloco train --seeds 4 --run dog")
     RunStore().begin("dog", "train", label="drail-cat-seed2", work=work)
-    train("--resume")
+    train("--resume", "--run", "dog")
     assert trained == [(2, True), (3, False)]
 
 
