@@ -105,22 +105,9 @@ class LowTrainer:
             device=device,
             critic_only=critic_only(self.env, config.observation),
         )
-        if config.bc_steps:
-            self.clips = clip_states(library)
-            timeline = self.clips.flattened()
-            self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
-            self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
         self.labels: ExpertLabels | None = None
-        if config.bc_steps and config.expert_rounds:
-            self.labels = ExpertLabels(
-                spec,
-                library,
-                self.clips,
-                experts or {},
-                worlds=config.expert_worlds,
-                hold_steps=config.latents.max_steps,
-                seed=seed + 5,
-            )
+        if config.bc_steps:
+            self._prepare_cloning(library, experts or {})
         self.head = Head(
             "low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate"
         )
@@ -131,6 +118,24 @@ class LowTrainer:
         self.recent_falls: list[float] = []
         self.algorithm.warm_up(self._first_observations())
         self.algorithm.keeps_normalizer = config.bc_steps > 0
+
+    def _prepare_cloning(self, library: MotionLibrary, experts: Mapping[str, Policy]) -> None:
+        """What cloning needs: the clips' states, latents for them, and who is asked."""
+        config = self.config
+        self.clips = clip_states(library)
+        timeline = self.clips.flattened()
+        self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
+        self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
+        if config.expert_rounds:
+            self.labels = ExpertLabels(
+                self.spec,
+                library,
+                self.clips,
+                experts,
+                worlds=config.expert_worlds,
+                hold_steps=config.latents.max_steps,
+                seed=self.seed + 5,
+            )
 
     @property
     def iterations(self) -> int:
