@@ -8,15 +8,13 @@ from typing import Annotated
 import typer
 
 from lacoloco_cli import console
-from lacoloco_cli.failures import UserError
-from lacoloco_cli.options import IN_A_RUN
+from lacoloco_cli.options import IN_A_RUN, MotionsToCompare
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.written_files import check_output
+from lacoloco_cli.written_files import PICTURES, check_ending, check_output
 
 app = typer.Typer()
 
 PICTURE = "coverage.png"
-PICTURES = (".png", ".pdf", ".svg")
 SHOWN = 8
 """Cells that are listed."""
 
@@ -31,12 +29,7 @@ def coverage(
             help="Artifact with a low level, or a published name; default: the newest of the run.",
         ),
     ] = None,
-    motions: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--motions", help="Motions to compare with; default: those that the policy comes from."
-        ),
-    ] = None,
+    motions: MotionsToCompare = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -63,7 +56,9 @@ def coverage(
     if policy is None and out is None:  # the one picture that belongs among the runs
         place = out = session.store.directory(session.run_name) / PICTURE
     else:
-        place = picture_place(session, out := out or Path(PICTURE))
+        out = out or Path(PICTURE)
+        kind = check_ending("--out", out, PICTURES)
+        place = check_output("--out", out, kind, session.store.root)
     if policy is None:
         policy = session.store.newest(session.run_name, "train-low")
     found = policy_coverage(
@@ -91,14 +86,3 @@ def coverage(
         typer.echo(answer["picture"])
 
     session.answer(answer, show)
-
-
-def picture_place(session: Session, out: Path) -> Path:
-    """Where the picture goes, before the work.
-
-    Raises:
-        UserError: It is no picture by its name, or something would be lost there.
-    """
-    if out.suffix.lower() not in PICTURES:
-        raise UserError(f"--out {out}: not a kind of picture; name a .png, .pdf or .svg")
-    return check_output("--out", out, out.suffix.removeprefix("."), session.store.root)

@@ -80,6 +80,15 @@ Observe = Annotated[
         " default: full, for a high level as its low level.",
     ),
 ]
+RunNamed = Annotated[
+    str | None, typer.Argument(metavar="[RUN]", help="Default: the run used last.")
+]
+MotionsToCompare = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--motions", help="Motions to compare with; default: those that the policy comes from."
+    ),
+]
 Seeds = Annotated[
     int,
     typer.Option("--seeds", min=1, max=1000, help="How many seeds, counted up from --seed."),

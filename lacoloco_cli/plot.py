@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lacoloco_cli.options import READING
+from lacoloco_cli.options import READING, RunNamed
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import PICTURES, check_ending, check_output
 
@@ -19,9 +19,7 @@ PICTURE = "curves.png"
 @verb(app, "plot", shared=READING)
 def plot_run(
     session: Session,
-    run: Annotated[
-        str | None, typer.Argument(metavar="[RUN]", help="Default: the run used last.")
-    ] = None,
+    run: RunNamed = None,
     out: Annotated[
         Path | None,
         typer.Option(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lacoloco_cli.options import READING
+from lacoloco_cli.options import READING, RunNamed
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import RUN_PAGE, check_ending, check_output
 
@@ -19,9 +19,7 @@ NAME = "page.html"
 @verb(app, "page", shared=READING)
 def page_of_run(
     session: Session,
-    run: Annotated[
-        str | None, typer.Argument(metavar="[RUN]", help="Default: the run used last.")
-    ] = None,
+    run: RunNamed = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="An .html; default: runs/RUN/page.html."),

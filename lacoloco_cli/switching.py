@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from lacoloco_cli.options import AT_ONCE
+from lacoloco_cli.options import AT_ONCE, MotionsToCompare
 from lacoloco_cli.policy_choice import best
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import check_ending, check_output, copy_to
@@ -25,12 +25,7 @@ def switching(
             "--policy", help="High-level policy, or its published name; default: the run's best."
         ),
     ] = None,
-    motions: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--motions", help="Motions to compare with; default: those that the policy comes from."
-        ),
-    ] = None,
+    motions: MotionsToCompare = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="Also write the picture there (.png)."),

@@ -30,7 +30,7 @@ def scene_model(spec: RobotSpec, width: int, height: int, *, ball: bool) -> mujo
     visual.headlight.ambient = [0.45, 0.45, 0.45]
     visual.headlight.diffuse = [0.25, 0.25, 0.25]
     visual.headlight.specular = [0.0, 0.0, 0.0]
-    _add_sky(scene)
+    add_sky(scene)
     _add_floor(scene)
     _add_sun(scene)
     if ball:
@@ -53,7 +53,7 @@ def _add_sun(scene: mujoco.MjSpec) -> None:
     )
 
 
-def _add_sky(scene: mujoco.MjSpec) -> None:
+def add_sky(scene: mujoco.MjSpec) -> None:
     """One plain colour: a gradient would cost colours of the palette, and bytes."""
     plain = [0.93, 0.95, 0.98]
     scene.add_texture(

@@ -8,6 +8,7 @@ import matplotlib.image
 import mujoco
 import numpy as np
 
+from lacoloco.pipelines.viewing.drawn_scene import add_sky
 from lacoloco.pipelines.viewing.offscreen import Painter
 from lacoloco.robots.scene import compile_scene
 from lacoloco.robots.spec import RobotSpec
@@ -18,7 +19,6 @@ AZIMUTH, ELEVATION = 145.0, -14.0
 """Where the camera looks, degrees: from ahead of the robot, from its right, from above."""
 ROOM = 0.9
 """Of the ball around the robot's shapes, the share that has to be seen: no robot fills it."""
-SKY = (0.93, 0.95, 0.98)
 LOOKED_AT = 2
 """The last group of shapes that MuJoCo draws, unless it is told otherwise."""
 SHOWN, HIDDEN = 0, 5
@@ -59,15 +59,7 @@ def draw_robot(spec: RobotSpec, qpos: np.ndarray) -> bytes:
 def _set_size(scene: mujoco.MjSpec) -> None:
     scene.visual.global_.offwidth, scene.visual.global_.offheight = WIDTH, HEIGHT
     scene.visual.headlight.ambient = [0.4, 0.4, 0.4]
-    scene.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        rgb1=SKY,
-        rgb2=SKY,
-        width=16,
-        height=96,
-    )
+    add_sky(scene)
 
 
 def _camera(model: mujoco.MjModel, data: mujoco.MjData, robot: np.ndarray) -> mujoco.MjvCamera:
