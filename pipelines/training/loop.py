@@ -69,6 +69,9 @@ def train(
     per_iteration = trainer.samples_per_iteration * parallel.size()
     total = iterations * per_iteration
     context.progress.start(description, total)
+    if start:
+        # Told at once, or the first pace and estimate would count what was done before.
+        context.progress.advance(start * per_iteration)
     begin = saved = time.monotonic()
     log = MetricsLog(directory, description, start * per_iteration) if first else NoLog()
     watch = _Watch(warn, context)

@@ -133,6 +133,15 @@ def test_checkpoints_are_also_written_as_time_passes(tmp_path, context, monkeypa
     assert seen == [False, True, True]
 
 
+def test_a_resumed_training_first_tells_what_was_done_before(tmp_path, context):
+    with pytest.raises(KeyboardInterrupt):
+        train(Walk(interrupt_at=4), 6, tmp_path, context, "walk")
+    progress = Watching()
+    train(Walk(), 6, tmp_path, replace(context, progress=progress), "walk")
+    assert progress.calls[:2] == [("start", "walk", 60), ("advance", 40, {})]
+    assert progress.calls[2][:2] == ("advance", 50)
+
+
 def test_a_finished_training_is_not_repeated_by_a_resumed_stage(tmp_path, context):
     """Its stage may be interrupted later, in its next training or while it writes its artifact."""
     first, second = Walk(), Walk()
