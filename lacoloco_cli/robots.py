@@ -12,7 +12,7 @@ from lacoloco_cli import console
 from lacoloco_cli.failures import USER_MISTAKE, UserError
 from lacoloco_cli.options import READING
 from lacoloco_cli.session import Session, verb
-from lacoloco_cli.written_files import check_output
+from lacoloco_cli.written_files import check_ending, check_output
 
 if TYPE_CHECKING:
     from lacoloco.robots.check import CheckReport
@@ -211,19 +211,21 @@ def _figure_place(session: Session, figure: Path) -> Path:
     """
     from lacoloco.pipelines.viewing.opengl import check_gl
 
-    if figure.suffix.lower() != ".png":
-        raise UserError(f"--figure {figure}: robots are drawn as .png; name such a file")
-    place = check_output("--figure", figure, "png", session.store.root)
+    kind = check_ending("--figure", figure, ("png",))
+    place = check_output("--figure", figure, kind, session.store.root)
     check_gl()
     return place
 
 
 def _draw(spec: RobotSpec, report: CheckReport, place: Path) -> None:
-    """Draw a robot as it stood at the end, or in its default pose where it was not tried."""
+    """Draw a robot as it stood at the end, or in its default pose: where it was not tried, or has a
+    gait because it does not stand by itself.
+    """
     from lacoloco.datasets.atomic_write import write_file
     from lacoloco.pipelines.viewing.robot_picture import draw_robot
 
-    qpos = spec.default_qpos() if report.stance is None else report.stance.qpos
+    stood = report.stance if spec.gait is None else None
+    qpos = spec.default_qpos() if stood is None else stood.qpos
     write_file(place, draw_robot(spec, qpos), replace=True)
 
 

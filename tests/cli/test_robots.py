@@ -1,8 +1,11 @@
 import json
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from lacoloco.robots.registry import load_robot
 from lacoloco_cli.robots import app
 
 
@@ -71,11 +74,25 @@ def test_check_draws_the_standing_robot(call, tmp_path, monkeypatch):
     assert qpos[2] == pytest.approx(stance["height"] * (1.0 - stance["sag"]))
 
 
+def test_a_robot_with_a_gait_is_drawn_before_it_falls(tmp_path, monkeypatch):
+    from lacoloco.pipelines.viewing import robot_picture
+    from lacoloco_cli.robots import _draw
+
+    h1, drawn = load_robot("h1"), []
+    monkeypatch.setattr(robot_picture, "draw_robot", lambda spec, qpos: drawn.append(qpos) or b"")
+    fallen = SimpleNamespace(stance=SimpleNamespace(qpos=0.0 * h1.default_qpos()))
+    _draw(h1, fallen, tmp_path / "h1.png")
+    assert np.array_equal(drawn[0], h1.default_qpos())
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("--figure", "all.png"), "--figure draws one robot; name it"),
-        (("solo12", "--figure", "solo12.bmp"), "robots are drawn as .png; name such a file"),
+        (
+            ("solo12", "--figure", "solo12.bmp"),
+            "--figure solo12.bmp: give it a name that ends in .png",
+        ),
     ],
 )
 def test_a_figure_that_cannot_be_drawn_is_refused(call, arguments, words):
