@@ -26,6 +26,7 @@ NAMES = (
     "solo12-synthetic",
     "solo12-dog",
     "solo12-dog-reach",
+    "go2-synthetic",
     "h1-human",
     "h1-synthetic",
 )

@@ -17,7 +17,7 @@ from lacoloco.robots.loading import TOML, load_folder
 from lacoloco.robots.spec import RobotSpec
 
 _HERE = Path(__file__).parent
-BUNDLED = ("solo12", "h1")
+BUNDLED = ("solo12", "h1", "go2")
 VARIABLE = "LACOLOCO_ROBOTS"
 OWN = "~/.config/lacoloco/robots"
 COMES_WITH = "lacoloco"

@@ -106,6 +106,9 @@ EXPERIMENTS = {
             "train-low": {"skill_shares": (("dog", 0.6), ("reach", 0.4))},
         },
     ),
+    "go2-synthetic": Experiment(
+        "go2", ("generate",), ("generate",), "the same on a quadruped of six times the weight"
+    ),
     "h1-human": Experiment(
         "h1",
         ("retarget", "track"),

@@ -94,7 +94,7 @@ def test_robots_says_where_a_robot_comes_from(cli, renamed_robot, tmp_path, monk
     rover = renamed_robot(tmp_path / "mine")
     monkeypatch.setenv("LACOLOCO_ROBOTS", str(tmp_path / "mine"))
     rows = {row["name"]: row for row in cli.answer("robots", "list")["robots"]}
-    assert [row["origin"] for row in rows.values()] == ["lacoloco", "lacoloco", "LACOLOCO_ROBOTS"]
+    assert [row["origin"] for row in rows.values()] == ["lacoloco"] * 3 + ["LACOLOCO_ROBOTS"]
     assert rows["rover"]["folder"] == str(rover)
     assert "LACOLOCO_ROBOTS" in cli.invoke("robots", "list").stdout
     by_name, by_path = (cli.answer("robots", "show", which) for which in ("rover", str(rover)))

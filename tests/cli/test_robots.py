@@ -19,8 +19,14 @@ def call():
 
 def test_list_names_the_robots_and_their_sizes(call):
     robots = json.loads(call("list", "--json").stdout)["robots"]
-    assert [(r["name"], r["joints"]) for r in robots] == [("solo12", 12), ("h1", 19)]
-    assert [r["total_mass"] for r in robots] == pytest.approx([2.50000279, 51.437], abs=1e-8)
+    assert [(r["name"], r["joints"]) for r in robots] == [
+        ("solo12", 12),
+        ("h1", 19),
+        ("go2", 12),
+    ]
+    assert [r["total_mass"] for r in robots] == pytest.approx(
+        [2.50000279, 51.437, 15.206408], abs=1e-8
+    )
     text = call("list").stdout
     assert "solo12" in text and "right_elbow_link + (0.3, 0, 0) m" in text
 
@@ -43,11 +49,11 @@ def test_show_gives_every_joint(call):
     assert "HR_KFE" in call("show", "solo12").stdout
 
 
-def test_check_finds_both_robots_sound(call):
+def test_check_finds_every_robot_sound(call):
     result = call("check", "--json")
     report = json.loads(result.stdout)
     assert (result.exit_code, report["passed"]) == (0, True)
-    assert [robot["robot"] for robot in report["robots"]] == ["solo12", "h1"]
+    assert [robot["robot"] for robot in report["robots"]] == ["solo12", "h1", "go2"]
     for robot in report["robots"]:
         values = {check["name"]: check["value"] for check in robot["checks"]}
         assert values["positions, MuJoCo - Pinocchio"] < 1e-12

@@ -22,8 +22,8 @@ def rename(folder, name):
 
 
 def test_every_name_loads_the_robot_of_that_name():
-    assert robot_names() == ("solo12", "h1")
-    assert [load_robot(name).name for name in robot_names()] == ["solo12", "h1"]
+    assert robot_names() == ("solo12", "h1", "go2")
+    assert [load_robot(name).name for name in robot_names()] == ["solo12", "h1", "go2"]
 
 
 def test_a_robot_is_found_by_the_path_of_its_folder_or_toml(robot_folder, solo12):
@@ -46,7 +46,7 @@ def test_robots_of_ones_own_extend_the_list(robot_folder, monkeypatch, tmp_path)
     cat = rename(shutil.copytree(load_robot("solo12").folder, home / "solo12"), "cat")
     shutil.copytree(load_robot("solo12").folder, home / "solo12")  # the bundled one goes first
     monkeypatch.setenv("LACOLOCO_ROBOTS", os.pathsep.join([str(tmp_path), ""]))
-    assert robot_names() == ("solo12", "h1", "dog", "cat")
+    assert robot_names() == ("solo12", "h1", "go2", "dog", "cat")
     assert load_robot("dog").folder == dog and load_robot("cat").folder == cat
     assert robot_folders()["solo12"] != home / "solo12"
 
@@ -66,7 +66,7 @@ def test_a_folder_of_robots_that_does_not_exist_is_refused(monkeypatch):
 
 @pytest.mark.parametrize(("name", "near"), [("Solo-12", "'solo12'"), ("H1", "'h1'")])
 def test_a_misspelt_name_gets_the_nearest(name, near):
-    with pytest.raises(RobotError, match=f"solo12, h1; did you mean {near}"):
+    with pytest.raises(RobotError, match=f"solo12, h1, go2; did you mean {near}"):
         load_robot(name)
 
 
@@ -74,7 +74,7 @@ def test_a_strange_name_gets_the_list():
     with pytest.raises(RobotError) as error:
         load_robot("zzz")
     assert str(error.value) == (
-        "unknown robot 'zzz': choose one of solo12, h1, or give the path of a folder with "
+        "unknown robot 'zzz': choose one of solo12, h1, go2, or give the path of a folder with "
         "robot.toml"
     )
 

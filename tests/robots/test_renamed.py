@@ -24,8 +24,9 @@ def test_robots_of_ones_own_are_found_by_name_and_by_path(renamed_robot, tmp_pat
     renamed_robot(tmp_path / "robots", "rover")
     renamed_robot(tmp_path / "home" / ".config" / "lacoloco" / "robots", "walker", "h1")
     monkeypatch.setenv("LACOLOCO_ROBOTS", str(tmp_path / "robots"))
-    assert robot_names() == ("solo12", "h1", "rover", "walker")
+    assert robot_names() == ("solo12", "h1", "go2", "rover", "walker")
     assert list(robot_origins().values()) == [
+        "lacoloco",
         "lacoloco",
         "lacoloco",
         "LACOLOCO_ROBOTS",
