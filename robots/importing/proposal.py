@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -95,6 +96,7 @@ def write_toml(facts: Facts, final: mujoco.MjModel, name: str) -> tuple[str, lis
         gravity=gravity,
         foot=point,
         reach=reach,
+        compliance=_compliance(facts),
     )
     low, high = _joint_scale(facts, biped)
     position, velocity = clip_gains(facts.gains, final.dof_damping.reshape(final.nv, -1)[6:, 0])
@@ -212,12 +214,21 @@ def _end_effector(facts: Facts) -> tuple[str, np.ndarray, float]:
             key=lambda limb: float(data.xpos[limb.end, 1]),
         )
         offset = np.round(_far_point(model, arm.end), 3)
-        return model.body(arm.end).name, offset, _length(data, arm, offset)
+        return model.body(arm.end).name, offset, _length(data, arm.joints, offset)
     points = foot_points(model, data, facts.legs)
     corners = sides({str(i): point for i, point in enumerate(points)})
     chosen = int(corners["FR"]) if corners else int(np.argmax(points[:, 0] - points[:, 1]))
     leg = facts.legs[chosen]
-    return facts.feet[chosen], np.zeros(3), _length(data, leg.limb, leg.centre)
+    swings = [joint for joint in leg.limb.joints if joint != leg.abduction]
+    return facts.feet[chosen], np.zeros(3), _length(data, swings, leg.centre)
+
+
+def _compliance(facts: Facts) -> float:
+    """Median over the legs' joints of the deflection that asks for all the torque, rad."""
+    legs = [joint - 1 for leg in facts.legs for joint in leg.limb.joints]
+    efforts, stiffness = facts.efforts[legs], facts.gains.stiffness[legs]
+    known = efforts > 0.0
+    return float(np.median((efforts / stiffness)[known])) if known.any() else 0.75
 
 
 def _far_point(model: mujoco.MjModel, body: int) -> np.ndarray:
@@ -232,8 +243,8 @@ def _far_point(model: mujoco.MjModel, body: int) -> np.ndarray:
     return np.asarray(direction * max(extents))
 
 
-def _length(data: mujoco.MjData, limb: Limb, last: np.ndarray) -> float:
-    anchors = data.xanchor[list(limb.joints)]
+def _length(data: mujoco.MjData, joints: Sequence[int], last: np.ndarray) -> float:
+    anchors = data.xanchor[list(joints)]
     return float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).sum() + np.linalg.norm(last))
 
 

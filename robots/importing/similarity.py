@@ -23,7 +23,8 @@ class Size:
         weight: N.
         gravity: m/s2.
         foot: (3,) the end effector in standing, relative to the floor under the base, m.
-        reach: Length of its limb stretched out, m.
+        reach: Length of its limb stretched out, from the joint that swings it forward, m.
+        compliance: Of a leg's joints, the torque limit over the stiffness, rad.
     """
 
     height: float
@@ -31,6 +32,7 @@ class Size:
     gravity: float
     foot: np.ndarray
     reach: float
+    compliance: float
 
     @property
     def pace(self) -> float:
@@ -77,9 +79,13 @@ def quadruped_numbers(size: Size) -> Numbers:
     """Placeholder -> number or range, for a robot that reaches with a foot."""
     h, pace, second, (x, y, _) = size.height, size.pace, size.second, size.foot
     outwards = np.sign(y) or -1.0
-    inner, outer = y - outwards * 0.67 * size.reach, y + outwards * 0.27 * size.reach
+    inner, outer = y - outwards * 0.7 * size.reach, y + outwards * 0.28 * size.reach
     return {
         **common_numbers(size),
+        # noise on actions shakes stiff legs and soft ones with the same share of their torque
+        "action_scale": 2.0 * size.compliance,
+        "walk_action_scale": 0.67 * size.compliance,
+        "largest_action": max(1.0, 0.75 / size.compliance),
         "command_speed": 0.285 * pace,
         "push": 0.057 * pace,
         "strong_push": 0.142 * pace,
@@ -89,7 +95,7 @@ def quadruped_numbers(size: Size) -> Numbers:
         "joint_speed_weight": 0.0062 * second**2,
         "joint_torque_weight": 0.119 / (size.weight * h) ** 2,
         "radius": 4.75 * h,
-        "reach_x": [x, x + 0.62 * size.reach],
+        "reach_x": [x, x + 0.64 * size.reach],
         "reach_y": sorted([inner, outer]),
         "reach_z": [0.06 * h, 1.33 * h],
         "far_z": [0.5 * h, 1.33 * h],

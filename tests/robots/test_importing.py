@@ -101,6 +101,16 @@ def test_legs_are_as_stiff_as_standing_firmly_takes(made):
     assert stance.said in imported.notes
 
 
+def test_an_action_of_one_asks_legs_for_twice_their_torque_and_clips_for_the_same_angles(made):
+    _, robot = made(mjcf().replace('mass="6"', 'mass="36"'))
+    asked = robot.action_scale * np.asarray(robot.stiffness) / robot.effort_limits()
+    assert np.median(asked) == pytest.approx(2.0, rel=0.01)
+    assert robot.walk_action_scale == pytest.approx(robot.action_scale / 3.0, rel=0.01)
+    assert robot.inverse_dynamics.largest_action * robot.action_scale == pytest.approx(
+        1.5, rel=0.01
+    )
+
+
 def test_a_flat_mesh_that_collides_becomes_a_thin_box(made, tmp_path):
     corners = [(-0.1, -0.05), (0.1, -0.05), (0.1, 0.05), (-0.1, 0.05)]
     obj = [*(f"v {x} {y} 0" for x, y in corners), "f 1 2 3", "f 1 3 4"]
