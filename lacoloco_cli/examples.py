@@ -25,6 +25,10 @@ EXAMPLES = {
         "lacoloco play solo12-synthetic",
         "lacoloco play solo12-synthetic --video walk.mp4 --speed 0.5",
     ),
+    "explore": (
+        "lacoloco explore solo12-synthetic-low",
+        "lacoloco explore solo12-synthetic --port 8080",
+    ),
     "run": ("lacoloco run quickstart", "lacoloco run solo12-synthetic --seeds 3 --resume"),
     "runs": ("lacoloco runs list", "lacoloco runs page quickstart"),
     "robots": ("lacoloco robots list", "lacoloco robots check mydog/"),

@@ -26,6 +26,7 @@ VERBS = {
     "switching": ("switching", "Count and draw how a policy switches from walking to reaching."),
     "export": ("export", "Write both levels as ONNX that was checked against torch."),
     "play": ("play", "Watch a motion or a policy in the browser or as HTML."),
+    "explore": ("explore", "Steer a low level by hand, live in the browser."),
     "run": ("run", "Run a whole experiment, e.g. quickstart or solo12-dog."),
     "runs": ("runs", "List, show, plot, report, verify and publish what lies in runs/."),
     "robots": ("robots", "List, show and check the robots."),
@@ -41,6 +42,7 @@ ROBOT_OF = {
     "switching": "its policy (--policy)",
     "export": "its policy (--policy)",
     "play": "the artifact that is played",
+    "explore": "the policy that is explored",
 }
 """Verb without `--robot` -> what brings its robot."""
 

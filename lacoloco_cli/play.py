@@ -99,9 +99,14 @@ def play(
     write_page(session, source, html, clip or (), latents, port)
 
 
-def named_source(session: Session, source: Path | None) -> Path:
+def named_source(session: Session, source: Path | None, stages: Sequence[str] = PLAYABLE) -> Path:
     """What is played: an artifact by its path, its folder or its published name, or the newest of a
     run, by its name or its folder; default: of the session's run.
+
+    Args:
+        session: The call.
+        source: What was named.
+        stages: Stages whose newest artifact is taken of a run; the first that has one.
 
     Raises:
         UserError: The run has nothing to play.
@@ -111,14 +116,14 @@ def named_source(session: Session, source: Path | None) -> Path:
     from lacoloco.datasets.published import find, resolve
 
     if source is None:
-        return newest(session, session.run_name)
+        return newest(session, session.run_name, stages)
     if (source / ARTIFACT).is_file():
         return source / ARTIFACT
     store = session.store
     named = source.parent == Path() and find(str(source)) is None
     inside = source.is_dir() and source.resolve().parent == store.root.resolve()
     if (named or inside) and not source.is_file() and source.resolve().name in store.runs():
-        return newest(session, source.resolve().name)
+        return newest(session, source.resolve().name, stages)
     return resolve(source)
 
 
@@ -168,16 +173,21 @@ def latents_of(text: str | None) -> str:
     raise UserError(f"--latents {text}: use random, or a seed, a whole number from 0")
 
 
-def newest(session: Session, run: str) -> Path:
+def newest(session: Session, run: str, stages: Sequence[str] = PLAYABLE) -> Path:
     """What is played of a run by default.
 
     Raises:
         UserError: The run has nothing to play.
     """
-    for stage in PLAYABLE:
+    for stage in stages:
         found = session.store.all(run, stage)
         if found:
             return found[-1]
+    if stages != PLAYABLE:
+        raise UserError(
+            f"run '{run}' has nothing of {' or '.join(stages)}; name an artifact, a run or a"
+            " published policy"
+        )
     raise UserError(
         f"run '{run}' has nothing to play; name an artifact, or make motions with"
         " `lacoloco retarget`"

@@ -1,0 +1,62 @@
+import shutil
+import threading
+from contextlib import contextmanager
+
+import pytest
+
+from lacoloco.datasets.published import resolve
+from lacoloco.pipelines.exploring.world import ExploredWorld
+from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.robot import robot_of
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+@pytest.fixture
+def make_world():
+    """Factory of a world of a published policy."""
+
+    def make(name="solo12-synthetic-low", seed=0):
+        artifact, policies = load_policies(resolve(name), "low")
+        return ExploredWorld(artifact, policies, robot_of(artifact), seed=seed)
+
+    return make
+
+
+@pytest.fixture
+def browser():
+    """A headless Chromium of this machine."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip("needs a Chromium")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=found, args=list(FLAGS))
+        try:
+            yield chromium
+        finally:
+            chromium.close()
+
+
+@pytest.fixture
+def live():
+    """A context in which a world is stepped and shown; gives the address of its page."""
+    pytest.importorskip("viser")
+    from lacoloco.pipelines.exploring.live import run
+    from lacoloco.pipelines.exploring.page import Page
+    from lacoloco.pipelines.exploring.server import local_server
+
+    @contextmanager
+    def shown(world, **options):
+        with local_server() as server:
+            page, stop = Page(server, world, "tried", **options), threading.Event()
+            loop = threading.Thread(target=run, args=(world, page, stop))
+            loop.start()
+            try:
+                yield f"http://{server.get_host()}:{server.get_port()}/", page
+            finally:
+                stop.set()
+                loop.join()
+
+    return shown
