@@ -12,6 +12,7 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
 from lacoloco.pipelines.learn.latents import project, scatter
+from lacoloco.pipelines.learn.precision import fast_products
 from lacoloco.pipelines.learn.skill_embedding import SkillEmbedding, uniformity
 
 UNIFORMITY_WEIGHT = 0.02
@@ -127,7 +128,9 @@ def clone(
 
     def observe(count: int) -> tuple[TensorDict, torch.Tensor, torch.Tensor]:
         windows, rows = sample(count)
-        exact = latents = embedding(windows)
+        with fast_products(windows.device):
+            raw = embedding.points(windows)
+        exact = latents = project(raw.float())
         if latent_noise:
             latents = project(exact + scatter(len(exact), exact.shape[1], latent_noise, generator))
         groups = {"policy": data.observe(rows, generator), "latent": latents}
@@ -143,7 +146,9 @@ def clone(
         optimizer.param_groups[0]["lr"] = learning_rate * (1.0 - step / steps)
         observations, exact, rows = observe(batch)
         # Nothing is asked where nobody knows.
-        error = (actor(observations) - data.actions[rows]).nan_to_num().square().mean()
+        with fast_products(rows.device):
+            means = actor(observations).float()
+        error = (means - data.actions[rows]).nan_to_num().square().mean()
         loss = error + UNIFORMITY_WEIGHT * uniformity(exact[:PAIRS_FROM])
         optimizer.zero_grad(set_to_none=True)
         loss.backward()

@@ -76,8 +76,13 @@ class SkillEmbedding(nn.Module):
         """(n,) rows at which windows begin -> (n, dim) latents; a window that leaves its clip
         repeats the last frame.
         """
+        return project(self.points(starts))
+
+    def points(self, starts: torch.Tensor) -> torch.Tensor:
+        """The same before they are projected to the sphere."""
         rows = torch.minimum(starts[:, None] + self._offsets, self._last[starts][:, None])
-        return project(self.mlp(self._normalized[rows].flatten(1)))
+        points: torch.Tensor = self.mlp(self._normalized[rows].flatten(1))
+        return points
 
     def moments(self, starts: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(n,) rows, each drawn from the moments for which the latent of the window at ``starts``
