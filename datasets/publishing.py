@@ -35,13 +35,15 @@ _RECORDED = (
 )
 
 
-def publish(artifact: Path, name: str) -> Path:
+def publish(artifact: Path, name: str, *, uncommitted: str = "") -> Path:
     """Copy an artifact into `datasets/published` under a name that is still free, with its lineage
     beside it.
 
     Args:
         artifact: what to publish.
         name: lower-case words joined by hyphens, e.g. `solo12-synthetic`.
+        uncommitted: what had been changed in the checkout, and in which commit it is now; it goes
+            into the record. "": artifacts of changed checkouts are refused.
 
     Returns:
         Path of the copy.
@@ -63,13 +65,15 @@ def publish(artifact: Path, name: str) -> Path:
     read_artifact(artifact)
     ancestors = lineage(artifact)
     for ancestor in ancestors:
-        _check(ancestor)
+        _check(ancestor, uncommitted)
     _check_size(artifact)
     record = {
         "name": name,
         "sha256": hash_file(artifact),
         "lineage": [_describe(a) for a in ancestors],
     }
+    if uncommitted:
+        record["uncommitted"] = uncommitted
     write_file(
         published.FOLDER / f"{name}.json",
         json.dumps(record, indent=1).encode() + b"\n",
@@ -87,7 +91,7 @@ def total_bytes() -> int:
     )
 
 
-def _check(ancestor: Ancestor) -> None:
+def _check(ancestor: Ancestor, uncommitted: str) -> None:
     path, header = ancestor.path, ancestor.header
     if ancestor.state != "ok":
         raise DatasetError(
@@ -103,10 +107,11 @@ def _check(ancestor: Ancestor) -> None:
         return
     if path.resolve().parent == published.FOLDER.resolve():
         return  # has passed before
-    if not header.git_commit or header.git_commit.endswith("-dirty"):
+    changed = header.git_commit.endswith("-dirty")
+    if not header.git_commit or (changed and not uncommitted):
         raise DatasetError(
             f"{path}: made by code that was not committed ({header.git_commit or 'no checkout'}); "
-            "commit and make it again"
+            "commit and make it again, or say what had been changed: --uncommitted"
         )
     if ancestor.depth == 0 and any(Path(parent.path).is_absolute() for parent in header.parents):
         raise DatasetError(

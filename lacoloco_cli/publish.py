@@ -22,6 +22,15 @@ def publish_artifact(
         str, typer.Argument(metavar="RUN|PATH", help="An artifact, or a run: its best policy.")
     ],
     name: Annotated[str, typer.Argument(metavar="NAME", help="E.g. solo12-synthetic.")],
+    uncommitted: Annotated[
+        str,
+        typer.Option(
+            "--uncommitted",
+            metavar="WHAT",
+            help="What had been changed and not committed when it was made, and in which commit it "
+            "is now; goes into the record.",
+        ),
+    ] = "",
 ) -> None:
     """Copy an artifact into datasets/published, with its lineage, to be used by its name."""
     from lacoloco.datasets.publishing import MOST_BYTES, publish, total_bytes
@@ -30,7 +39,7 @@ def publish_artifact(
     if not artifact.is_file():
         session.run = source
         artifact = best(session)
-    published = publish(artifact, name)
+    published = publish(artifact, name, uncommitted=uncommitted)
     payload: dict[str, Any] = {
         "published": path_text(published),
         "name": name,

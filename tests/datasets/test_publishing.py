@@ -97,6 +97,14 @@ def test_what_uncommitted_code_made_is_refused_also_far_back(folder, add, commit
             publish(artifact, "low")
 
 
+def test_what_was_not_committed_may_be_said_instead(folder, add):
+    dirty = add("train-low", [add("generate", commit=COMMIT + "-dirty")])
+    publish(dirty, "low", uncommitted="one reward, committed as abc1234")
+    assert recorded("low")["uncommitted"] == "one reward, committed as abc1234"
+    with pytest.raises(DatasetError, match="no checkout"):
+        publish(add("generate", commit=""), "clips", uncommitted="all of it")
+
+
 def test_what_was_published_before_is_not_judged_again(folder, add):
     publish(add("experts"), "experts")
     other = add("generate", commit=COMMIT + "-dirty")
