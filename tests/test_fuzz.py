@@ -10,6 +10,7 @@ import collections
 import copy
 import dataclasses
 import json
+import pickle
 import random
 import resource
 import signal
@@ -25,6 +26,8 @@ import pytest
 
 from lacoloco.datasets.artifact import write_artifact
 from lacoloco.datasets.clip import load_clips
+from lacoloco.datasets.foreign.npz import npz_bytes
+from lacoloco.datasets.foreign.reading import read_motion
 from lacoloco.datasets.lineage import lineage
 from lacoloco.datasets.mocap import load_bvh
 from lacoloco.pipelines import train_high, train_low
@@ -216,6 +219,68 @@ def task(folder: Path) -> Reader:
     return Texts(folder, "task.toml", sound, lambda path: load_task_file(spec, path))
 
 
+def altered_arrays(arrays: dict[str, np.ndarray], chance: random.Random) -> dict[str, np.ndarray]:
+    """The same arrays with one exchanged for an odd one, or left out."""
+    name = chance.choice(list(arrays))
+    odd = [np.zeros(0), np.array(3.0), np.full((5, 3), np.nan), np.arange(9)]
+    odd.append(np.ones(3, dtype=bool))
+    altered = {**arrays, name: chance.choice(odd)}
+    if chance.random() < 0.3:
+        del altered[name]
+    return altered
+
+
+class ForeignMotions(Reader):
+    """Readers of other programs' motions: of altered bytes, and of altered contents."""
+
+    def __init__(self, folder: Path) -> None:
+        """Make a sound motion of five frames in every format."""
+        super().__init__(folder)
+        frames, joints = 5, 12
+        pos, pose = np.zeros((frames, 3)), np.zeros((frames, joints))
+        quat = np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1))
+        rows = np.hstack([pos, quat, pose]).tolist()
+        self.frames = {"LoopMode": "Wrap", "FrameDuration": 0.02, "Frames": rows}
+        self.pickled = [
+            {"fps": 30, "root_pos": pos.tolist(), "root_rot": quat.tolist(), "dof_pos": rows},
+            {"fps": 30, "loop_mode": 0, "frames": rows},
+        ]
+        bodies = {"body_pos_w": pos[:, None], "body_quat_w": quat[:, None]}
+        self.arrays = {"fps": np.array([50]), "joint_pos": pose, **bodies}
+        table = "\n".join(",".join(map(str, row)) for row in rows)
+        names = [f"root_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+        header = ",".join([*names, *(f"joint_{index}" for index in range(joints))])
+        arrays = {"fps": 30, "root_pos": pos, "root_rot": quat, "dof_pos": pose}
+        self.sound = [
+            (".csv", table.encode()),
+            (".csv", f"{header}\n{table}".encode()),
+            (".json", json.dumps(self.frames).encode()),
+            (".npz", npz_bytes(self.arrays)),
+            (".pkl", pickle.dumps(arrays)),
+            (".pkl", pickle.dumps(self.pickled[1], 0)),
+        ]
+
+    def try_one(self, chance: random.Random) -> None:
+        """Alter the bytes of a file, or what it holds."""
+        if chance.random() < 0.5:
+            ending, sound = chance.choice(self.sound)
+            content = mutated_text(sound, chance)
+        else:
+            ending, content = self._altered(chance)
+        file = self.folder / f"motion{ending}"
+        file.write_bytes(content)
+        read_motion(file)
+
+    def _altered(self, chance: random.Random) -> tuple[str, bytes]:
+        kind = chance.randrange(3)
+        if kind == 0:
+            return ".npz", npz_bytes(altered_arrays(self.arrays, chance))
+        if kind == 1:
+            return ".txt", json.dumps(mutated_json(self.frames, chance)).encode()
+        value = mutated_json(chance.choice(self.pickled), chance)
+        return ".pickle", pickle.dumps(value, chance.randrange(pickle.HIGHEST_PROTOCOL + 1))
+
+
 class Artifacts(Reader):
     """Readers of artifacts: of altered bytes, and of altered tables with a hash that fits."""
 
@@ -267,12 +332,7 @@ class Artifacts(Reader):
         sound = self.clips if kind == 1 else self.policy
         arrays = dict(sound.arrays)
         if chance.random() < 0.3:
-            name = chance.choice(list(arrays))
-            odd = [np.zeros(0), np.array(3.0), np.full((5, 3), np.nan), np.arange(9)]
-            odd.append(np.ones(3, dtype=bool))
-            arrays[name] = chance.choice(odd)
-            if chance.random() < 0.3:
-                del arrays[name]
+            arrays = altered_arrays(arrays, chance)
         metadata = mutated_json(sound.metadata, chance)
         if not isinstance(metadata, dict):
             metadata = {}
@@ -319,6 +379,7 @@ READERS: dict[str, Callable[[Path], Reader]] = {
     "robot": robot,
     "task": task,
     "artifact": Artifacts,
+    "foreign-motion": ForeignMotions,
     "settings": Settings,
 }
 

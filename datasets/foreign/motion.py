@@ -43,7 +43,7 @@ class ForeignMotion:
         Raises:
             DatasetError: They do not fit together, or are not finite.
         """
-        frames, problem = len(self.root_pos), ""
+        frames, problem = len(self.root_pos) if self.root_pos.ndim else 0, ""
         widths = {"root_pos": 3, "root_quat": 4, "joint_pos": None}
         for name, width in widths.items():
             values = getattr(self, name)
@@ -96,7 +96,11 @@ def rate(value: object, file: str) -> float:
     Raises:
         DatasetError: It is neither.
     """
-    array = np.asarray(value)
+    problem = DatasetError(f"{file}: its frames per second are no number")
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # lists that differ in length
+        raise problem from error
     if array.size != 1 or array.dtype.kind not in "iuf":
-        raise DatasetError(f"{file}: its frames per second are no number")
+        raise problem
     return float(array.reshape(-1)[0])

@@ -32,10 +32,10 @@ def read_pickled(path: Path) -> ForeignMotion:
         return _gmr(content, path)
     if isinstance(content, dict) and all(key in content for key in _MIMICKIT):
         return _mimickit(content, path)
-    keys = ", ".join(map(str, content))[:80] if isinstance(content, dict) else "no table"
+    keys = ", ".join(map(str, content)) if isinstance(content, dict) else "no table"
     raise DatasetError(
-        f"{path}: holds {keys}; a pickle of GMR has {', '.join(_GMR)}, one of MimicKit"
-        f" {', '.join(_MIMICKIT)}"
+        f"{path}: holds {' '.join(keys.split())[:80]}; a pickle of GMR has {', '.join(_GMR)},"
+        f" one of MimicKit {', '.join(_MIMICKIT)}"
     )
 
 

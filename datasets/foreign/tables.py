@@ -125,7 +125,10 @@ def _read(path: Path) -> tuple[list[str] | None, np.ndarray]:
             text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path}: is no text") from error
-    lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if row]
+    try:
+        lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if row]
+    except csv.Error as error:  # a quotation mark that nothing closes
+        raise DatasetError(f"{path}: is no CSV ({error})") from error
     header = lines.pop(0) if lines and not _is_number(lines[0][0]) else None
     width = len(header or (lines[0] if lines else ()))
     for number, line in enumerate(lines, 1 + (header is not None)):
