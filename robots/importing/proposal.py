@@ -173,8 +173,9 @@ def _joint_rows(facts: Facts, speeds: np.ndarray) -> list[str]:
             "speed": float(speeds[j]),
         }
         said = ", ".join(f"{key} = {value + 0.0:.10g}" for key, value in row.items())
-        asked = "" if joint in facts.source.speeds else " # speed: ASK"
-        rows.append(f'"{joint}" = {{ {said} }}{asked}')
+        unknown = {"default": facts.solved, "speed": joint not in facts.source.speeds}
+        asked = ", ".join(key for key, is_unknown in unknown.items() if is_unknown)
+        rows.append(f'"{joint}" = {{ {said} }}' + (f" # {asked}: ASK" if asked else ""))
     return rows
 
 

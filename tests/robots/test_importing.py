@@ -90,6 +90,8 @@ def test_a_published_quadruped_passes_the_check(made):
         "robot.toml: joints: speed",
         "robot.toml: joints: default",
     }
+    text = (imported.folder / "robot.toml").read_text()
+    assert text.count(" } # default, speed: ASK\n") == 12, "what is asked for is found in the file"
 
 
 def test_legs_are_as_stiff_as_standing_firmly_takes(made):
@@ -143,6 +145,7 @@ def test_the_pose_of_a_keyframe_is_taken(made):
     imported, robot = made(mjcf(key))
     np.testing.assert_allclose(robot.default_joint_pos, [0.0, 0.9, -1.8] * 4)
     assert [q.key for q in imported.questions] == ["robot.toml: joints: speed"]
+    assert (imported.folder / "robot.toml").read_text().count(" } # speed: ASK\n") == 12
     assert check_robot(robot, poses=3).failures() == ()
 
 
