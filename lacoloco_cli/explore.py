@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from lacoloco_cli.console import note
-from lacoloco_cli.options import IN_A_RUN
+from lacoloco_cli.options import IN_A_RUN, MotionsToCompare
 from lacoloco_cli.play import named_source
 from lacoloco_cli.session import Session, path_text, verb
 
@@ -38,45 +37,41 @@ def explore(
             "--port", min=0, max=65535, help="Of the page on this machine; 0: any that is free."
         ),
     ] = 0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of latents and pushes.")] = 0,
+    latents: Annotated[
+        int,
+        typer.Option(
+            "--latents", min=0, max=4096, help="How many are held for the map; 0: no map."
+        ),
+    ] = 256,
+    motions: MotionsToCompare = None,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=2**31 - 1, help="Of latents and pushes.")
+    ] = 0,
 ) -> None:
     """Steer a robot by the latents of its low level, live in the browser, until Ctrl-C.
 
-    Drag the sliders of the latent, push the robot, change the floor. The page is served on this
-    machine only (127.0.0.1). Needs viser: pip install 'lacoloco[explore]'.
+    Drag the sliders of the latent, click or drag on the map of what latents do, push the robot,
+    change the floor; with a high level, drag its target. The nearest clip is named where the
+    policy's clips are at hand. The page is served on this machine only (127.0.0.1). Needs viser:
+    pip install 'lacoloco[explore]'.
     """
-    from lacoloco.pipelines.exploring.server import check_viser, local_server
-    from lacoloco.pipelines.policies import load_policies
-    from lacoloco.pipelines.robot import robot_of
+    from lacoloco.datasets.published import resolve
+    from lacoloco.pipelines.exploring.explorer import Wishes
+    from lacoloco.pipelines.exploring.explorer import explore as explore_policy
 
-    check_viser()
     policy = named_source(session, low, STEERABLE)
-    artifact, policies = load_policies(policy, "low")
-    spec = robot_of(artifact, session.progress.say)
-
-    from threading import Event
-
-    from lacoloco.pipelines.exploring.live import run
-    from lacoloco.pipelines.exploring.page import Page
-    from lacoloco.pipelines.exploring.world import ExploredWorld
-
-    world = ExploredWorld(artifact, policies, spec, seed=seed)
-    name = path_text(policy) if low is None else str(low)
-    with local_server(port) as server:
-        page = Page(server, world, f"{name} ({spec.name})")
-        address = f"http://{server.get_host()}:{server.get_port()}/"
-        note(f"{address}  (Ctrl-C ends)")
-        open_browser(address)
-        with suppress(KeyboardInterrupt):
-            run(world, page, Event())
-    answer = {"policy": path_text(policy), "robot": spec.name, "address": address}
-    session.answer(answer, lambda: None)
+    title = path_text(policy) if low is None else str(low)
+    chosen = [resolve(one) for one in motions or ()]
+    wishes = Wishes(policy, title, chosen, latents, seed, port)
+    answer = explore_policy(wishes, session.progress.say, open_browser)
+    session.answer({"policy": path_text(policy), **answer}, lambda: None)
 
 
 def open_browser(address: str) -> None:
-    """Show the page where there is a screen, and a person who started this in a terminal."""
+    """Say where the page is, and show it where there is a screen and a person at a terminal."""
     import webbrowser
 
+    note(f"{address}  (Ctrl-C ends)")
     screen = sys.platform in ("darwin", "win32") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )

@@ -110,13 +110,13 @@ class SkillCoverage:
         ``seconds``, and policies see what ``observation`` says.
         """
         self.seed, self.steps = seed, round(seconds / CONTROL_DT)
-        self.env = _standing_env(spec, latents, seed, library.device, observation)
+        self.env = standing_env(spec, latents, seed, library.device, observation)
         self._start = deepcopy(self.env.state_dict())
-        self._standing_height = float(self.env.end_effector()[:, 2].mean())
+        standing_height = float(self.env.end_effector()[:, 2].mean())
         self._standing_frame = self.env.frame().mean(dim=0)
         self._clip_frames = clip_means(library)
         window = (self.steps - self.steps // 2) * CONTROL_DT
-        clips = clip_behaviour(spec, library, window, self._standing_height, seed)
+        clips = clip_behaviour(spec, library, window, standing_height, seed)
         self._spread = clips.frame.std(dim=0).clamp_min(1e-3)
         self._cells, self._clip_motion = SkillCells.of(spec), clips.motion
         self.clips = {
@@ -159,17 +159,7 @@ class SkillCoverage:
         env.load_state_dict(deepcopy(self._start))  # its counters are counted up in place
         generator = torch.Generator().manual_seed(self.seed)
         z = sample_latents(env.num_worlds, policy.head.sizes["latent"], generator).to(env.device)
-        fell = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
-        speeds, heights, frames = [], [], []
-        for step in range(self.steps):
-            fell = fell | env.step(policy(env.observe(), z)).fell
-            if step >= self.steps // 2:
-                speeds.append(env.state.lin_vel_b[:, :2].norm(dim=-1))
-                heights.append(env.end_effector()[:, 2])
-                frames.append(env.frame())
-        return _behaviour(
-            speeds, heights, frames, fell, self._standing_height, self.env.spec.skills
-        )
+        return hold(env, policy, z, self.steps)
 
     def _reproduced(self, reached: torch.Tensor) -> float:
         """Share of clips to which some latent has come at least half of the way from standing, by
@@ -180,6 +170,27 @@ class SkillCoverage:
         clips, standing = self._clip_frames / self._spread, self._standing_frame / self._spread
         nearest = torch.cdist(clips, reached).amin(dim=1)
         return float((nearest < 0.5 * torch.cdist(clips, standing[None])[:, 0]).float().mean())
+
+
+def hold(env: LeggedEnv, policy: Policy, latents: torch.Tensor, steps: int) -> Behaviour:
+    """Hold a latent in every world and watch the second half.
+
+    Args:
+        env: Robots that stand; see :func:`standing_env`.
+        policy: A low level.
+        latents: (N, d) unit latents.
+        steps: How long [control steps].
+    """
+    standing_height = float(env.end_effector()[:, 2].mean())
+    fell = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
+    speeds, heights, frames = [], [], []
+    for step in range(steps):
+        fell = fell | env.step(policy(env.observe(), latents)).fell
+        if step >= steps // 2:
+            speeds.append(env.state.lin_vel_b[:, :2].norm(dim=-1))
+            heights.append(env.end_effector()[:, 2])
+            frames.append(env.frame())
+    return _behaviour(speeds, heights, frames, fell, standing_height, env.spec.skills)
 
 
 def clip_behaviour(
@@ -237,9 +248,12 @@ def _behaviour(
     )
 
 
-def _standing_env(
+def standing_env(
     spec: RobotSpec, worlds: int, seed: int, device: torch.device, observation: Observation
 ) -> LeggedEnv:
+    """Robots that stand in their default pose, without noise, pushes and randomisation, motors as
+    strong as they are.
+    """
     still = ResetConfig(clip_share=0.0, lin_vel=0.0, ang_vel=0.0, joint_scale=(1.0, 1.0))
     task = replace(
         imitate_task(spec, constrained=False),

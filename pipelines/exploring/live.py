@@ -9,6 +9,7 @@ from threading import Event
 
 import numpy as np
 
+from lacoloco.pipelines.exploring.clip_names import ClipNames
 from lacoloco.pipelines.exploring.page import Page
 from lacoloco.pipelines.exploring.world import ExploredWorld
 from lacoloco.pipelines.sim.physics import CONTROL_DT
@@ -55,8 +56,15 @@ class Pace:
         self._times.append(self._clock())
 
 
-def run(world: ExploredWorld, page: Page, stop: Event) -> None:
-    """Step and show the world until told to stop; it rests while nobody looks."""
+def run(world: ExploredWorld, page: Page, stop: Event, clips: ClipNames | None = None) -> None:
+    """Step and show the world until told to stop; it rests while nobody looks.
+
+    Args:
+        world: What is stepped.
+        page: Where it is shown.
+        stop: Set to end it.
+        clips: Of which the nearest is named.
+    """
     pace, recent, lying = Pace(), deque[np.ndarray](maxlen=round(1.0 / CONTROL_DT)), 0
     number = 0
     while not stop.is_set():
@@ -72,25 +80,31 @@ def run(world: ExploredWorld, page: Page, stop: Event) -> None:
         if lying * CONTROL_DT > LYING_S:
             world.reset()
         if number % TOLD_EVERY == 0:
-            page.tell(told(world, np.mean(recent, axis=0), pace.rate))
+            page.tell(told(world, np.stack(recent), pace.rate, clips))
         number += 1
         pace.wait()
 
 
-def told(world: ExploredWorld, frame: np.ndarray, rate: float) -> str:
+def told(
+    world: ExploredWorld, frames: np.ndarray, rate: float, clips: ClipNames | None = None
+) -> str:
     """What the robot does, in a few lines.
 
     Args:
         world: The robot now.
-        frame: (10 + 2J,) its mean style frame over the last second.
+        frames: (T, 10 + 2J) its style frames in the last second.
         rate: Control steps a second.
+        clips: Of which the nearest is named.
     """
-    forward, left, turning = float(frame[4]), float(frame[5]), float(frame[9])
+    mean = frames.mean(axis=0)
+    forward, left, turning = float(mean[4]), float(mean[5]), float(mean[9])
     lines = [
         f"forward {forward:+.2f} m/s, left {left:+.2f} m/s, turning {turning:+.2f} rad/s",
         f"end effector {world.lift:.2f} m up, friction {world.friction:.2f}",
-        f"{rate:.0f} steps/s",
     ]
-    if world.fell:
-        lines.append("**fell**")
+    if world.has_target:
+        lines[-1] += f", {100 * world.target_error:.1f} cm from the target"
+    if clips is not None:
+        lines.append(f"nearest clip: {clips.nearest(frames)}")
+    lines.append(f"{rate:.0f} steps/s" + (", **fell**" if world.fell else ""))
     return "  \n".join(lines)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import viser
 
 SLIDER_STEP = 0.01
-CAMERA = np.array([1.5, -1.9, 0.9])
+CAMERA = np.array([1.7, -2.2, 1.2])
 """Where the camera stands, in sizes of the robot."""
 FRICTION = (0.05, 2.0)
 
@@ -32,10 +32,12 @@ class Page:
         """Build scene and controls."""
         self.server, self.world = server, world
         self._asked: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self.drawn: list[Callable[[], None]] = []
+        """What else is to be shown after every step."""
         self.robot = LiveRobot(server, world.spec)
         extent = standing_extent(world.spec)
         server.initial_camera.position = tuple(CAMERA * extent.size)
-        server.initial_camera.look_at = (0.0, 0.0, 0.5 * extent.top)
+        server.initial_camera.look_at = (0.0, 0.0, 0.9 * extent.top)
         server.scene.add_grid(f"{WORLD}/ground", infinite_grid=True, fade_distance=20.0)
         self.status = server.gui.add_markdown(f"**{title}**")
         self._title = title
@@ -51,6 +53,8 @@ class Page:
         """Show where the robot is."""
         with self.server.atomic():
             self.robot.place(self.world.qpos)
+            for draw in self.drawn:
+                draw()
 
     def tell(self, text: str) -> None:
         """Show a text in the panel, and the latent in force on the sliders."""
@@ -63,15 +67,27 @@ class Page:
         """Do something before the next step; may be called from any thread."""
         self._asked.put(what)
 
-    def button(self, label: str, do: Callable[[], None], key: Any = None) -> None:
+    def button(
+        self, label: str, do: Callable[[], None], key: Any = None, color: Any = None
+    ) -> None:
         """A button, and a key that does the same, in the folder that is open."""
 
         async def ask(_: object) -> None:
             self.ask(do)
 
-        self.server.gui.add_button(label).on_click(ask)
+        self.server.gui.add_button(label, color=color).on_click(ask)
         if key is not None:
             self.server.gui.add_command(label, hotkey=key).on_trigger(ask)
+
+    def when_moved(self, control: Any, do: Callable[[Any], None]) -> None:
+        """Call with the control's value when a person, and not this program, has changed it."""
+
+        async def ask(event: viser.GuiEvent[Any]) -> None:
+            if event.client is not None:
+                value = event.target.value
+                self.ask(lambda: do(value))
+
+        control.on_update(ask)
 
     def _add_latent(self) -> None:
         gui = self.server.gui
@@ -81,7 +97,7 @@ class Page:
                 for index, value in enumerate(self.world.latent)
             ]
             for index, slider in enumerate(self.sliders):
-                self._when_moved(slider, lambda value, index=index: self._turn(index, value))
+                self.when_moved(slider, lambda value, index=index: self._turn(index, value))
             self.button("Any latent (N)", self.world.take_any, "N")
 
     def _add_actions(self) -> None:
@@ -91,17 +107,7 @@ class Page:
             self.button("Push (P)", lambda: world.push(self.push.value), "P")
             self.push = gui.add_slider("push, m/s", 0.0, 3.0, 0.1, PUSH)
             friction = gui.add_slider("friction", *FRICTION, 0.05, round(world.friction, 2))
-            self._when_moved(friction, world.set_friction)
+            self.when_moved(friction, world.set_friction)
 
     def _turn(self, index: int, value: float) -> None:
         self.world.take(rotated_to(self.world.latent, index, value))
-
-    def _when_moved(self, control: Any, do: Callable[[Any], None]) -> None:
-        """Call with the control's value when a person, and not this program, has changed it."""
-
-        async def ask(event: viser.GuiEvent[Any]) -> None:
-            if event.client is not None:
-                value = event.target.value
-                self.ask(lambda: do(value))
-
-        control.on_update(ask)

@@ -1,30 +1,35 @@
 import json
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
 
+from lacoloco.datasets.clip import save_clips
 from lacoloco.datasets.published import find
 from lacoloco.datasets.store import RunStore
-from lacoloco.pipelines.exploring import live, server
+from lacoloco.pipelines.exploring import explorer, server
+from lacoloco.robots.registry import load_robot
 from lacoloco_cli.main import app
+
+FEW = ("--latents", "2")
 
 
 def invoke(*arguments):
-    return CliRunner().invoke(app, ["explore", *map(str, arguments), "--quiet"])
+    return CliRunner().invoke(app, ["explore", *map(str, arguments), "--quiet", *FEW])
 
 
 @pytest.fixture
 def explored(monkeypatch):
-    """Stands in for the loop, which ends at once, as if by Ctrl-C; the worlds that it was given."""
+    """Stands in for the loop, which ends at once, as if by Ctrl-C; what it was given."""
     pytest.importorskip("viser")
-    worlds = []
+    calls = []
 
-    def run(world, page, stop):
-        worlds.append(world)
+    def run(world, page, stop, clips):
+        calls.append((world, page, clips))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(live, "run", run)
-    return worlds
+    monkeypatch.setattr(explorer, "run", run)
+    return calls
 
 
 def test_a_published_low_level_by_its_name(explored):
@@ -34,7 +39,23 @@ def test_a_published_low_level_by_its_name(explored):
     assert answer["robot"] == "solo12"
     assert answer["address"].startswith("http://127.0.0.1:")
     assert answer["address"] in result.stderr
-    assert not explored[0].has_target
+    world, page, clips = explored[0]
+    assert not world.has_target
+    assert len(page.drawn) == 1  # the map
+    assert clips is None
+
+
+def test_a_high_level_brings_a_target_and_motions_bring_names(explored, make_clip, tmp_path):
+    spec = load_robot("solo12")
+    clip = replace(make_clip(joints=12), joint_names=spec.joint_names)
+    motions = tmp_path / "motions.h5"
+    save_clips(motions, [clip], robot=(spec.name, spec.model_hash()), config={})
+    result = invoke("solo12-synthetic", "--motions", motions)
+    assert result.exit_code == 0, result.stderr
+    world, page, clips = explored[0]
+    assert world.has_target
+    assert len(page.drawn) == 2  # target and map
+    assert clips.nearest(world.frame[None].numpy()) == "circle"
 
 
 def test_the_newest_low_level_of_a_run(explored):

@@ -5,6 +5,9 @@ import time
 import numpy as np
 import pytest
 
+from lacoloco.datasets.rotations import to_matrix
+from lacoloco.pipelines.exploring.latent_map import HeldLatents
+
 PATIENCE = 60.0
 """s for what a browser without a GPU does, on a machine that does other things."""
 
@@ -17,23 +20,80 @@ def until(true):
 
 
 def look_at(browser, address):
-    page = browser.new_page(viewport={"width": 640, "height": 480})
+    page = browser.new_page(viewport={"width": 900, "height": 500})
     page.set_default_timeout(1000.0 * PATIENCE)
     page.goto(address)
     page.get_by_text("steps/s").wait_for()
+    # a warning that there is no GPU lies over the scene
+    page.add_style_tag(content=".mantine-Notifications-root { display: none }")
     return page
 
 
+def pixel(shown, point):
+    """Where in the browser's window a point (3,) of the scene is."""
+    (client,) = shown.server.get_clients().values()
+    camera = client.camera
+    right, down, ahead = to_matrix(camera.wxyz).T @ (np.asarray(point) - camera.position)
+    focal = 0.5 * camera.image_height / np.tan(0.5 * camera.fov)
+    middle = 0.5 * np.array([camera.image_width, camera.image_height])
+    return middle + focal * np.array([right, down]) / ahead
+
+
+def drag(page, begin, end):
+    page.mouse.move(*begin)
+    page.mouse.down()
+    for share in (0.25, 0.5, 0.75, 1.0):
+        page.mouse.move(*(begin + share * (end - begin)))
+        page.wait_for_timeout(100)
+    page.mouse.up()
+
+
 @pytest.mark.slow
-def test_keys_and_a_slider_reach_the_robot(browser, live, make_world):
+def test_keys_sliders_and_the_map_reach_the_robot(browser, live, make_world):
+    from lacoloco.pipelines.exploring.map_board import MapBoard
+
     world = make_world()
-    with live(world) as (address, _):
+    latents = np.concatenate((np.eye(7), -np.eye(7)))
+    motion = latents[:, :4]
+    held = HeldLatents(latents, motion, motion[:, 0], np.zeros(14, dtype=bool), {"walk": 1.0})
+    with live(world) as (address, shown):
+        board = MapBoard(shown, held)
         page = look_at(browser, address)
         before = world.latent
         page.keyboard.press("n")
         until(lambda: not np.allclose(world.latent, before))
-        thumb = page.get_by_role("slider").first
-        thumb.press("Home")  # the end of a slider
+        page.get_by_role("slider").first.press("Home")
         until(lambda: world.latent[0] < -0.99)
-        page.get_by_role("button", name="Reset (R)").click()
-        until(lambda: np.linalg.norm(world.qpos[:2]) < 0.02)
+        page.get_by_role("button", name="turns left most").click()
+        until(lambda: world.latent[2] > 0.99)
+
+        corners = board.place_in_scene(board.map.points)
+        outer = int(np.argmax(np.linalg.norm(board.map.points, axis=1)))
+        page.mouse.click(*pixel(shown, corners[outer]))
+        until(lambda: np.allclose(world.latent, latents[outer], atol=1e-4))
+        begin, end = board.place_in_scene(np.array([[0.1, 0.2], [-0.5, 0.4]]))
+        drag(page, pixel(shown, begin), pixel(shown, end))
+        until(lambda: np.allclose(board.map.place(world.latent), [-0.5, 0.4], atol=0.05))
+
+
+@pytest.mark.slow
+def test_a_target_is_dragged_and_the_high_level_switched_off(browser, live, make_world):
+    from lacoloco.pipelines.exploring.target_handle import ARROWS, TargetHandle
+    from lacoloco.pipelines.viewing.extent import standing_extent
+
+    world = make_world("solo12-synthetic")
+    world.set_target(np.array([0.3, 0.0, 0.2]))
+    with live(world) as (address, shown):
+        TargetHandle(shown)
+        page = look_at(browser, address)
+        page.get_by_text("high level steers").wait_for()
+        page.get_by_role("checkbox").first.uncheck()
+        until(lambda: not world.high_steers)
+        shown.ask(world.reset)  # the world's middle is before the camera again
+        until(lambda: np.linalg.norm(world.qpos[:2]) < 0.05)
+        length = ARROWS * standing_extent(world.spec).size
+        arrow = world.target - [*world.qpos[:2], 0.0] + [0.0, 0.0, 0.9 * length]
+        drag(page, pixel(shown, arrow), pixel(shown, arrow + [0.0, 0.0, 0.15]))
+        until(lambda: world.target[2] > 0.28)
+        # it stays under the pointer, while the robot may walk on and the world passes by
+        assert world.target[:2] == pytest.approx([0.3, 0.0], abs=0.15)

@@ -1,0 +1,78 @@
+"""A policy, live in the browser, until somebody ends it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event
+
+from lacoloco.pipelines.exploring.clip_names import ClipNames, clips_at_hand
+from lacoloco.pipelines.exploring.latent_map import SECONDS, hold_sampled
+from lacoloco.pipelines.exploring.live import run
+from lacoloco.pipelines.exploring.map_board import MapBoard
+from lacoloco.pipelines.exploring.page import Page
+from lacoloco.pipelines.exploring.server import check_viser, local_server
+from lacoloco.pipelines.exploring.target_handle import TargetHandle
+from lacoloco.pipelines.exploring.world import ExploredWorld
+from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.robot import Say, robot_of
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What is explored, and how.
+
+    Attributes:
+        policy: Artifact that holds a low level, and perhaps a high one.
+        title: Its name on the page.
+        motions: Clips that are named; default: those that the policy was made of.
+        latents: How many are held for the map; 0: no map.
+        seed: Of latents, pushes and targets.
+        port: Of the page; 0: any that is free.
+    """
+
+    policy: Path
+    title: str
+    motions: Sequence[Path] = ()
+    latents: int = 256
+    seed: int = 0
+    port: int = 0
+
+
+def explore(wishes: Wishes, say: Say, opened: Callable[[str], None]) -> dict[str, str]:
+    """Serve the page until Ctrl-C.
+
+    Args:
+        wishes: What.
+        say: Takes one line for the user.
+        opened: Told the address of the page.
+
+    Returns:
+        The robot and the address.
+
+    Raises:
+        StageError: viser is not installed, or the port is not to be had.
+        ArtifactError: An input is missing or damaged, or there is no low level.
+    """
+    check_viser()
+    artifact, policies = load_policies(wishes.policy, "low")
+    spec = robot_of(artifact, say)
+    clips = clips_at_hand(wishes.policy, wishes.motions, spec.name)
+    held = None
+    if wishes.latents:
+        say(f"holding {wishes.latents} latents for {SECONDS:.0f} s each, for the map")
+        held = hold_sampled(spec, policies["low"], wishes.latents, wishes.seed)
+    world = ExploredWorld(artifact, policies, spec, seed=wishes.seed)
+    with local_server(wishes.port) as server:
+        page = Page(server, world, f"{wishes.title} ({spec.name})")
+        if world.has_target:
+            TargetHandle(page)
+        if held is not None:
+            MapBoard(page, held)
+        address = f"http://{server.get_host()}:{server.get_port()}/"
+        opened(address)
+        with suppress(KeyboardInterrupt):
+            run(world, page, Event(), ClipNames(clips) if clips else None)
+    return {"robot": spec.name, "address": address}
