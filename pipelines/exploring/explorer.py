@@ -16,7 +16,7 @@ from lacoloco.pipelines.exploring.page import Page
 from lacoloco.pipelines.exploring.server import check_viser, local_server
 from lacoloco.pipelines.exploring.target_handle import TargetHandle
 from lacoloco.pipelines.exploring.world import ExploredWorld
-from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.policies import load_policies, task_of
 from lacoloco.pipelines.robot import Say, robot_of
 
 
@@ -64,7 +64,8 @@ def explore(wishes: Wishes, say: Say, opened: Callable[[str], None]) -> dict[str
     if wishes.latents:
         say(f"holding {wishes.latents} latents for {SECONDS:.0f} s each, for the map")
         held = hold_sampled(spec, policies["low"], wishes.latents, wishes.seed)
-    world = ExploredWorld(artifact, policies, spec, seed=wishes.seed)
+    task = task_of(artifact, spec) if "high" in policies else None
+    world = ExploredWorld(policies, spec, task, seed=wishes.seed)
     with local_server(wishes.port) as server:
         page = Page(server, world, f"{wishes.title} ({spec.name})")
         if world.has_target:

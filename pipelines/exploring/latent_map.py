@@ -135,7 +135,7 @@ class LatentMap:
         """
         point = point / max(1.0, float(np.linalg.norm(point)))
         rest = now - self.axes @ self.place(now)
-        length = np.linalg.norm(rest)
+        length = float(np.linalg.norm(rest))
         if length < 1e-6:  # on the edge all others are as near
             rest = np.linalg.svd(self.axes)[0][:, -1] if len(now) > 2 else np.zeros_like(now)
             length = 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -132,6 +133,13 @@ class MapBoard:
         self.disc.on_click(clicked)
         self.disc.on_drag("left")(dragged)
 
+    def _show(self, latent: np.ndarray) -> None:
+        """Take a latent from a standing start, as it was measured: in other states it may do
+        something else, such as going on to reach.
+        """
+        self._page.world.reset()
+        self._page.world.take(latent)
+
     def _colours(self, by: str) -> np.ndarray:
         """(N, 3) of the points, 0 to 255."""
         import matplotlib
@@ -160,7 +168,7 @@ class MapBoard:
             for extreme in found:
                 latent = self._held.latents[extreme.index]
                 label = f"{extreme.name}: {extreme.value:+.2f} {extreme.unit}"
-                self._page.button(label, lambda z=latent: self._page.world.take(z), color="gray")
+                self._page.button(label, partial(self._show, latent), color="gray")
             gui.add_markdown(legend(self._held))
 
         async def recolour(_: object) -> None:
@@ -175,8 +183,9 @@ def legend(held: HeldLatents) -> str:
     turning, lift = np.abs(upright[:, YAW]).max(), upright[:, LIFT].max()
     shares = ", ".join(f"{share:.0%} {name}" for name, share in held.shares.items())
     return (
-        "Click a point to take its latent, drag over the map to wander; the red ball is the latent"
-        f" in force. Points are {len(held.latents)} latents, each held for {SECONDS:.0f} s:"
+        "The buttons begin anew from standing. Click a point to take its latent now, drag over the"
+        " map to wander; the red ball is the latent in force."
+        f" Points are {len(held.latents)} latents, each held for {SECONDS:.0f} s:"
         f" {shares}. Dark to light: speed, up to {held.speed.max():.2f} m/s, or the end effector,"
         f" up to {lift:.2f} m above standing. Blue to red: turning right to left, up to"
         f" {turning:.2f} rad/s. Grey fell."

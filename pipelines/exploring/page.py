@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +50,11 @@ class Page:
         while not self._asked.empty():
             self._asked.get()()
 
+    @property
+    def up_to_date(self) -> bool:
+        """Whether nothing waits: until then, controls may be ahead of the world."""
+        return self._asked.empty()
+
     def draw(self) -> None:
         """Show where the robot is."""
         with self.server.atomic():
@@ -60,7 +66,7 @@ class Page:
         """Show a text in the panel, and the latent in force on the sliders."""
         self.status.content = f"**{self._title}**\n\n{text}"
         for slider, value in zip(self.sliders, self.world.latent, strict=True):
-            if abs(slider.value - value) > SLIDER_STEP:
+            if self.up_to_date and abs(slider.value - value) > SLIDER_STEP:
                 slider.value = float(round(float(value), 2))
 
     def ask(self, what: Callable[[], None]) -> None:
@@ -92,12 +98,12 @@ class Page:
     def _add_latent(self) -> None:
         gui = self.server.gui
         with gui.add_folder("Latent"):
-            self.sliders = [
+            self.sliders: list[Any] = [
                 gui.add_slider(f"z{index + 1}", -1.0, 1.0, SLIDER_STEP, round(float(value), 2))
                 for index, value in enumerate(self.world.latent)
             ]
             for index, slider in enumerate(self.sliders):
-                self.when_moved(slider, lambda value, index=index: self._turn(index, value))
+                self.when_moved(slider, partial(self._turn, index))
             self.button("Any latent (N)", self.world.take_any, "N")
 
     def _add_actions(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,14 +31,14 @@ class TargetHandle:
 
     def __init__(self, page: Page) -> None:
         """Show the target of the page's world, which has one."""
-        self._world = page.world
+        self._page, self._world = page, page.world
         size = standing_extent(page.world.spec).size
         self.arrows = page.server.scene.add_transform_controls(
             TARGET, scale=ARROWS * size, disable_rotations=True, position=page.world.target
         )
         page.server.scene.add_icosphere(f"{TARGET}/ball", radius=BALL * size, color=COLOUR)
         with page.server.gui.add_folder("Target"):
-            self.switch = page.server.gui.add_checkbox("high level steers", True)
+            self.switch: Any = page.server.gui.add_checkbox("high level steers", True)
 
         async def moved(event: viser.TransformControlsEvent) -> None:
             place = np.array(event.target.position)
@@ -52,5 +52,5 @@ class TargetHandle:
         self._world.high_steers = steers
 
     def _draw(self) -> None:
-        if self.switch.value != self._world.high_steers:
+        if self._page.up_to_date and self.switch.value != self._world.high_steers:
             self.switch.value = self._world.high_steers

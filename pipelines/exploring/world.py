@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from lacoloco.datasets.artifact import Artifact
 from lacoloco.pipelines.learn.latents import project, sample_latents
-from lacoloco.pipelines.policies import Policy, steered, task_of
+from lacoloco.pipelines.policies import Policy, steered
 from lacoloco.pipelines.sim.disturbances.config import UNDISTURBED
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
@@ -34,22 +33,20 @@ class ExploredWorld:
     """
 
     def __init__(
-        self, artifact: Artifact, policies: Mapping[str, Policy], spec: RobotSpec, *, seed: int = 0
+        self, policies: Mapping[str, Policy], spec: RobotSpec, task: Task | None, *, seed: int = 0
     ) -> None:
         """Let the robot stand; it holds a latent drawn from ``seed``.
 
         Args:
-            artifact: What the policies were read from.
             policies: By role; ``low``, and perhaps ``high``.
             spec: Their robot.
+            task: What the high level was trained on; None without one.
             seed: Of latents, pushes and targets.
         """
         self.spec, self._policies = spec, policies
         low = policies["low"]
         self.dim = low.head.sizes["latent"]
-        task = (
-            task_of(artifact, spec) if "high" in policies else imitate_task(spec, constrained=False)
-        )
+        task = task or imitate_task(spec, constrained=False)
         self._env = LeggedEnv(spec, _quiet(task), 1, seed=seed)
         self._steered = steered(self._env, policies)
         self.has_target = "high" in policies and task.has_target

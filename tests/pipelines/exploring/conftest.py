@@ -6,7 +6,7 @@ import pytest
 
 from lacoloco.datasets.published import resolve
 from lacoloco.pipelines.exploring.world import ExploredWorld
-from lacoloco.pipelines.policies import load_policies
+from lacoloco.pipelines.policies import load_policies, task_of
 from lacoloco.pipelines.robot import robot_of
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -19,7 +19,9 @@ def make_world():
 
     def make(name="solo12-synthetic-low", seed=0):
         artifact, policies = load_policies(resolve(name), "low")
-        return ExploredWorld(artifact, policies, robot_of(artifact), seed=seed)
+        spec = robot_of(artifact)
+        task = task_of(artifact, spec) if "high" in policies else None
+        return ExploredWorld(policies, spec, task, seed=seed)
 
     return make
 

@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from lacoloco.pipelines.exploring.world import rotated_to
+from lacoloco.pipelines.exploring.live import told
+from lacoloco.pipelines.exploring.page import Page
+from lacoloco.pipelines.exploring.server import local_server
+from lacoloco.pipelines.exploring.world import ExploredWorld, rotated_to
+from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.policies import Head, Policy
+from lacoloco.pipelines.sim.env import LeggedEnv
+from lacoloco.pipelines.sim.state import layout
+from lacoloco.pipelines.sim.tasks import imitate_task
 
 
 def test_a_latent_turned_to_a_value_stays_on_the_sphere_and_keeps_the_rest_in_proportion():
@@ -59,3 +67,24 @@ def test_a_high_level_steers_to_the_target_until_a_latent_is_taken(make_world):
     assert not np.allclose(world.latent, chosen)
     world.reset()
     assert world.target == pytest.approx([0.3, 0.0, 0.3])
+
+
+def test_any_robot_can_be_explored_with_latents_of_any_width(robot):
+    pytest.importorskip("viser")
+    env = LeggedEnv(robot, imitate_task(robot, constrained=False), 1, seed=0)
+    sizes, networks = {"policy": env.observe().shape[1], "latent": 3}, NetworkConfig(actor=(8,))
+    actor = make_actor(sizes, env.num_actions, networks).eval()
+    head = Head("low", sizes, env.num_actions, networks, layout(env.terms), "imitate")
+    world = ExploredWorld({"low": Policy(head, actor)}, robot, None)
+    with local_server() as server:
+        page = Page(server, world, robot.name)
+        assert len(page.sliders) == 3
+        before = world.qpos
+        page.ask(world.take_any)
+        page.obey()
+        world.step()
+        page.draw()
+        page.tell(told(world, world.frame[None].numpy(), 50.0))
+        assert not np.allclose(world.qpos, before)
+        assert "50 steps/s" in page.status.content
+        assert [slider.value for slider in page.sliders] == pytest.approx(world.latent, abs=0.011)
