@@ -119,6 +119,7 @@ FORMS: dict[str, dict[str, Check]] = {
     },
     "lacoloco/checkpoint": {
         "layout": _COUNT,
+        "part": _text,
         "structure": _table(),
         "iteration": _COUNT,
         "elapsed_s": _number(0.0, 1e12),

@@ -8,6 +8,7 @@ PPO starts from it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -69,9 +70,14 @@ class RelabellingBuffer:
 
 
 def explore(
-    env: LatentSteeredEnv, config: HindsightConfig, generator: torch.Generator
+    env: LatentSteeredEnv,
+    config: HindsightConfig,
+    generator: torch.Generator,
+    watch: Callable[[int], None] | None = None,
 ) -> RelabellingBuffer:
-    """Hold random latents in every world and remember what came of them."""
+    """Hold random latents in every world and remember what came of them; ``watch(1)`` is told every
+    decision.
+    """
     worlds, dim = env.latent.shape
     rows: dict[str, list[torch.Tensor]] = {
         name: [] for name in ("obs", "latent", "end_effector", "root_pos", "root_quat", "ends")
@@ -86,6 +92,8 @@ def explore(
         for name, value in zip(rows, (*now, ends), strict=True):
             rows[name].append(value)
         env.reset(decision.done)
+        if watch is not None:
+            watch(1)
         changing = select(ends)
         z, left = z.clone(), left.clone()
         put(z, changing, sample_latents(len(changing), dim, generator))
@@ -171,12 +179,13 @@ def clone_hindsight(
     config: HindsightConfig,
     generator: torch.Generator,
     learning_rate: float = 1e-3,
+    watch: Callable[[int], None] | None = None,
 ) -> float:
     """Fit the direction of the actor's mean to the latents that served; returns the mean cosine at
     the end.
 
     ``columns`` says where an observation holds ``target`` and ``last_latent``. The last latent is
-    drawn anew: it must not matter yet.
+    drawn anew: it must not matter yet. ``watch(1)`` is told every gradient step.
     """
     obs, latent = memory.obs.flatten(0, 1), memory.latent.flatten(0, 1)
     optimizer = torch.optim.Adam(actor.mlp.parameters(), lr=learning_rate, fused=True)
@@ -195,6 +204,8 @@ def clone_hindsight(
         loss.backward()
         optimizer.step()
         agreement.append((cosine.detach() * weight).sum())
+        if watch is not None:
+            watch(1)
     return float(torch.stack(agreement[-max(1, config.steps // 10) :]).mean())
 
 

@@ -26,6 +26,7 @@ from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.state import layout, width
 from lacoloco.pipelines.sim.tasks import Task, load_task
 from lacoloco.pipelines.training.critic import critic_only, for_critic
+from lacoloco.pipelines.training.pretraining import PretrainingLog
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
@@ -103,9 +104,9 @@ class HighTrainer:
         )
         self.algorithm.warm_up(self._random_observations())
 
-    def pretrain(self) -> dict[str, float]:
-        """Begin with a policy that chooses latents by where they led before; returns the cosine to
-        those, ``latent_cosine``.
+    def pretrain(self, log: PretrainingLog | None = None) -> dict[str, float]:
+        """Begin with a policy that chooses latents by where they led before, and tell ``log`` the
+        steps; returns the cosine to those latents, ``latent_cosine``.
 
         Every process has its own worlds, but the first one's policy counts.
         """
@@ -114,11 +115,21 @@ class HighTrainer:
         if not isinstance(task.command, TargetCommand):
             return {}
         command = task.command
-        memory = explore(self.env, config, self.generator)
+        log = log or PretrainingLog()
+        log.start("trying latents", config.decisions + config.steps)
+        memory = explore(self.env, config, self.generator, log.advance)
         columns = {row["name"]: slice(*row["slice"]) for row in self.head.layout}
         agreement = clone_hindsight(
-            self.algorithm.actor, memory, command, columns, distances, config, self.generator
+            self.algorithm.actor,
+            memory,
+            command,
+            columns,
+            distances,
+            config,
+            self.generator,
+            watch=log.advance,
         )
+        log.stop()
         parallel.copy_from_first(self.algorithm.actor)
         return {"latent_cosine": agreement}
 

@@ -22,6 +22,9 @@ without it.
 PAIRS_FROM = 1024
 """Latents of a batch that are compared with each other."""
 
+WATCHED_STEPS = 50
+"""Gradient steps between two calls of a watcher: it waits for the device."""
+
 
 @dataclass(frozen=True)
 class CloningData:
@@ -104,6 +107,7 @@ def clone(
     learning_rate: float = 1e-3,
     latent_noise: float = 0.0,
     generator: torch.Generator,
+    watch: Callable[[int, float], None] | None = None,
 ) -> float:
     """Minimise the squared error of the mean action over actor and embedding together; latents stay
     uniform.
@@ -121,6 +125,8 @@ def clone(
         latent_noise: how far the actor's latents may lie from the embedding's; see
             :func:`~lacoloco.pipelines.learn.latents.scatter`.
         generator: source of randomness, on the device of the data's tensors.
+        watch: ``watch(n, error)`` is told, every so often, that n further steps are done, and their
+            root mean squared error.
 
     Returns:
         Root mean squared error over the last tenth of the steps, in action units.
@@ -154,4 +160,11 @@ def clone(
         loss.backward()
         optimizer.step()
         errors.append(error.detach())
-    return float(torch.stack(errors[-max(1, steps // 10) :]).mean().sqrt())
+        told = step % WATCHED_STEPS + 1
+        if watch is not None and (told == WATCHED_STEPS or step + 1 == steps):
+            watch(told, _rms(errors[-told:]))
+    return _rms(errors[-max(1, steps // 10) :])
+
+
+def _rms(squares: list[torch.Tensor]) -> float:
+    return float(torch.stack(squares).mean().sqrt())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
@@ -50,7 +51,9 @@ class Cloning:
         self._starts, self._generator, self._latent_noise = starts, generator, latent_noise
         self._asked: LabelledStates | None = None
 
-    def fit(self, actor: MLPModel, steps: int) -> float:
+    def fit(
+        self, actor: MLPModel, steps: int, watch: Callable[[int, float], None] | None = None
+    ) -> float:
         """Fit the actor's mean, and the embedding with it; see
         :func:`~lacoloco.pipelines.learn.behaviour_cloning.clone`.
         """
@@ -66,10 +69,32 @@ class Cloning:
             steps=steps,
             latent_noise=self._latent_noise,
             generator=self._generator,
+            watch=watch,
         )
 
+    def state_dict(self) -> dict[str, Any]:
+        """What the next fit begins with, the actor excepted."""
+        return {
+            "asked": {} if self._asked is None else dict(vars(self._asked)),
+            "embedding": self._embedding.state_dict(),
+            "generator": self._generator.get_state(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore :meth:`state_dict`."""
+        device = self._data.frames.device
+        asked = {name: values.to(device) for name, values in state["asked"].items()}
+        self._asked = LabelledStates(**asked) if asked else None
+        self._embedding.load_state_dict(state["embedding"])
+        self._generator.set_state(state["generator"])
+
     def ask(
-        self, actor: MLPModel, labels: ExpertLabels, noise: torch.Tensor, action_noise: float
+        self,
+        actor: MLPModel,
+        labels: ExpertLabels,
+        noise: torch.Tensor,
+        action_noise: float,
+        watch: Callable[[int], None] | None = None,
     ) -> float:
         """Let the actor move by itself, with the noise of training, and keep what the experts say.
 
@@ -78,6 +103,7 @@ class Cloning:
             labels: Worlds with experts.
             noise: (F + A,) half-ranges of the uniform noise on what it sees.
             action_noise: Standard deviation of the noise on its actions.
+            watch: ``watch(1)`` is told every control step.
 
         Returns:
             Its falls per 1000 steps.
@@ -88,6 +114,8 @@ class Cloning:
 
         @torch.no_grad()
         def student(observation: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
+            if watch is not None:
+                watch(1)
             # A latent is held while it stands for what the clip does, then the next one is taken.
             first = self._first(rows)
             windows = rows - (rows - first) % max(1, ahead)
@@ -124,3 +152,35 @@ class Cloning:
     def _integers(self, below: int, count: int) -> torch.Tensor:
         generator = self._generator
         return torch.randint(below, (count,), generator=generator, device=generator.device)
+
+
+class CloningRounds:
+    """The rounds of a pretraining: fit, ask the experts, fit again; and what a round goes on
+    from.
+    """
+
+    def __init__(self, cloning: Cloning, actor: MLPModel, labels: ExpertLabels | None) -> None:
+        """Begin; without ``labels`` nobody is asked."""
+        self.cloning, self.actor, self.labels = cloning, actor, labels
+        self.metrics: dict[str, float] = {}
+        """What the rounds so far came to; with ``clone_error`` after the last one."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Actor, embedding, answers, the experts' worlds, generators."""
+        cloning = self.cloning.state_dict()
+        if "clone_error" in self.metrics:  # no round follows that needs the answers
+            cloning["asked"] = {}
+        return {
+            "actor": self.actor.state_dict(),
+            "cloning": cloning,
+            "labels": self.labels.state_dict() if self.labels is not None else {},
+            "metrics": dict(self.metrics),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore :meth:`state_dict`."""
+        self.actor.load_state_dict(state["actor"])
+        self.cloning.load_state_dict(state["cloning"])
+        if self.labels is not None:
+            self.labels.load_state_dict(state["labels"])
+        self.metrics = dict(state["metrics"])

@@ -11,6 +11,7 @@ another; there, too, an expert knows how to stay up.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 
@@ -72,6 +73,20 @@ class ExpertLabels:
                 "no clip says what an expert was commanded; record them again with lacoloco "
                 "generate, or train with expert_rounds=0"
             )
+
+    @property
+    def steps(self) -> int:
+        """Control steps of one collection, one expert after the other."""
+        return sum(worlds.steps for worlds in self.experts.values())
+
+    def state_dict(self) -> dict[str, Any]:
+        """What the next collection begins with."""
+        return {name: worlds.state_dict() for name, worlds in self.experts.items()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore :meth:`state_dict`."""
+        for name, worlds in self.experts.items():
+            worlds.load_state_dict(state[name])
 
     def collect(
         self, student: Student, noise: torch.Tensor, action_noise: float, history: int = 1

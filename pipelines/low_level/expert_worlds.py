@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from typing import Any
 
 import torch
 
@@ -124,6 +125,21 @@ class ExpertWorlds:
         self._left = torch.zeros_like(self._row)
         self._last_action = torch.zeros_like(self._previous[self._row])
 
+    @property
+    def steps(self) -> int:
+        """Control steps of one collection."""
+        states, clips = self._states, self._watched.clips
+        return int((states.last[states.first[clips]] - states.first[clips]).min())
+
+    def state_dict(self) -> dict[str, Any]:
+        """What the next collection begins with."""
+        return {"env": self.env.state_dict(), "generator": self._generator.get_state()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore :meth:`state_dict`."""
+        self.env.load_state_dict(state["env"])
+        self._generator.set_state(state["generator"])
+
     def collect(
         self, student: Student, noise: torch.Tensor, action_noise: float, history: int = 1
     ) -> tuple[LabelledStates, int, int]:
@@ -142,8 +158,7 @@ class ExpertWorlds:
         Returns:
             The states; how many steps there were; how many robots fell.
         """
-        env, states, clips = self.env, self._states, self._watched.clips
-        steps = int((states.last[states.first[clips]] - states.first[clips]).min())
+        env, steps = self.env, self.steps
         handover = steps * self._uniform() * (self._uniform() < 0.5)
         self._begin(torch.ones_like(self._performs))
         kept, counted, falls = [], [], torch.zeros((), dtype=torch.long, device=env.device)

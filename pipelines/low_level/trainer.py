@@ -21,7 +21,7 @@ from lacoloco.pipelines.learn.networks import annealed, set_std
 from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
 from lacoloco.pipelines.low_level.cell_balance import balanced
 from lacoloco.pipelines.low_level.checkpoint_selection import Selection
-from lacoloco.pipelines.low_level.cloning import Cloning
+from lacoloco.pipelines.low_level.cloning import Cloning, CloningRounds
 from lacoloco.pipelines.low_level.config import TrainLowConfig
 from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
 from lacoloco.pipelines.policies import Head, Policy
@@ -33,6 +33,7 @@ from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.state import RobotState, layout, style_frame, width
 from lacoloco.pipelines.sim.tasks import Task, imitate_task
 from lacoloco.pipelines.training.critic import critic_only, for_critic
+from lacoloco.pipelines.training.pretraining import PretrainingLog
 from lacoloco.robots.spec import RobotSpec
 
 ASKED_AFTER, ALL_ASKED = 0.5, 2
@@ -142,16 +143,49 @@ class LowTrainer:
         """Iterations that the budget of samples allows."""
         return max(1, round(self.config.samples / self.samples_per_iteration))
 
-    def pretrain(self) -> dict[str, float]:
+    def pretrain(self, log: PretrainingLog | None = None) -> dict[str, float]:
         """Begin with a policy whose latents reproduce the clips, and an encoder that reads them off
         the clips.
+
+        Args:
+            log: Is told the steps; keeps every round of questions, and the last fit.
 
         Returns:
             The error of the cloned actions (raw units, rms) and the encoder's mean cosine; with
             rounds of questions to the experts also the falls per 1000 steps in the last round, and
             the share of episodes under switching latents that end in a fall.
         """
-        config, env, metrics = self.config, self.env, dict[str, float]()
+        config, actor, log = self.config, self.algorithm.actor, log or PretrainingLog()
+        run = CloningRounds(self._cloning(), actor, self.labels)
+        asked = config.expert_rounds or 0
+        before, last = round(ASKED_AFTER * config.bc_steps), (ALL_ASKED if asked else 1)
+        answers = self.labels.steps if self.labels is not None else 0
+        log.start("cloning the clips", asked * (before + answers) + last * config.bc_steps)
+        for number in log.rounds(run, asked + 1):
+            if number > asked:
+                error = run.cloning.fit(actor, last * config.bc_steps, log.fitting(number))
+                run.metrics["clone_error"] = error
+                continue
+            assert self.labels is not None
+            run.cloning.fit(actor, before, log.fitting(number))
+            noise = self.env.noise_scale
+            falls = run.cloning.ask(
+                actor, self.labels, noise, config.exploration_std, watch=log.advance
+            )
+            run.metrics["expert_falls_per_1000_steps"] = falls
+            log.advance(0, falls_per_1000_steps=falls)
+        log.stop()
+        metrics = dict(run.metrics)
+        if asked:
+            cloned = Policy(self.head, actor)
+            switching = latent_switching_robustness(self.spec, cloned, seed=self.seed)
+            metrics["cloned_switching_fall_rate"] = switching["switching_fall_rate"]
+        parallel.copy_from_first(actor, self.embedding)
+        return metrics | {"clone_cosine": self.algorithm.fit_encoder(config.bc_steps // 4)}
+
+    def _cloning(self) -> Cloning:
+        """The clips as data to clone."""
+        config, env = self.config, self.env
         moves = infer_actions(self.spec, self.clips, env.task.action_scale)
         actions, previous = with_memory(self.clips, moves, env.task.memory)
         noise = env.noise_scale
@@ -170,25 +204,9 @@ class LowTrainer:
             # by which an arm is led.
             data = replace(data, noise=torch.zeros_like(noise), action_noise=0.0)
         scattered = config.latent_noise if config.expert_rounds else 0.0
-        cloning = Cloning(
+        return Cloning(
             self.clips, self.embedding, data, self._cloned, self.generator, latent_noise=scattered
         )
-        for _ in range(config.expert_rounds or 0):
-            assert self.labels is not None
-            cloning.fit(self.algorithm.actor, round(ASKED_AFTER * config.bc_steps))
-            falls = cloning.ask(self.algorithm.actor, self.labels, noise, config.exploration_std)
-            metrics["expert_falls_per_1000_steps"] = falls
-        longer = ALL_ASKED if config.expert_rounds else 1
-        error = cloning.fit(self.algorithm.actor, longer * config.bc_steps)
-        if config.expert_rounds:
-            cloned = Policy(self.head, self.algorithm.actor)
-            switching = latent_switching_robustness(self.spec, cloned, seed=self.seed)
-            metrics["cloned_switching_fall_rate"] = switching["switching_fall_rate"]
-        parallel.copy_from_first(self.algorithm.actor, self.embedding)
-        return metrics | {
-            "clone_error": error,
-            "clone_cosine": self.algorithm.fit_encoder(config.bc_steps // 4),
-        }
 
     def demonstrations(self, count: int) -> torch.Tensor:
         """(count, 2F) clean style transitions of the clips, older frame first, like the agent's

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from lacoloco.datasets.artifact import read_artifact, write_artifact
+from lacoloco.datasets.artifact import read_artifact, read_header, write_artifact
 from lacoloco.datasets.beside import CHECKPOINT as ENDING
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.stage import StageContext
-from lacoloco.pipelines.training.trainer import Trainer
+from lacoloco.pipelines.training.trainer import Stateful
 
 CHECKPOINT = "lacoloco/checkpoint"
 LAYOUT = 2
 """Of a trainer's state: counts up when its parts are renamed."""
+TRAINING, PRETRAINING = "training", "pretraining"
+"""What a checkpoint is of. A training's first one replaces that of its pretraining."""
 INDIVIDUAL = ("env", "latent", "latents", "restarts", "exploring", "generator")
 """Parts of a trainer's state that every process of a training has for itself: its worlds and its
 generators.
@@ -31,21 +34,30 @@ def checkpoint_path(directory: Path, description: str) -> Path:
     return directory / f"{description.replace(' ', '-')}{ENDING}"
 
 
-def has_checkpoint(directory: Path) -> bool:
-    """Whether a training in a stage's directory got as far as its first checkpoint."""
-    return any(directory.glob(f"*{ENDING}"))
+def part_of(path: Path) -> str:
+    """What a checkpoint is of, ``TRAINING`` or ``PRETRAINING``; empty where there is none.
+
+    Raises:
+        ArtifactError: It is damaged.
+    """
+    return _part(read_header(path).metadata) if path.exists() else ""
+
+
+def _part(metadata: Mapping[str, Any]) -> str:
+    return str(metadata.get("part", TRAINING))
 
 
 def save_checkpoint(
-    trainer: Trainer,
+    trainer: Stateful,
     path: Path,
     iteration: int,
     elapsed: float,
     metrics: dict[str, float],
     context: StageContext,
     config: dict[str, Any],
+    part: str = TRAINING,
 ) -> None:
-    """Write a checkpoint; it replaces the one before."""
+    """Write a checkpoint of a part of the work; it replaces the one before."""
     state = {
         "trainer": trainer.state_dict(),
         "torch_rng": torch.get_rng_state(),
@@ -56,6 +68,7 @@ def save_checkpoint(
     arrays, structure = flatten_state(state)
     metadata = {
         "layout": LAYOUT,
+        "part": part,
         "structure": structure,
         "iteration": iteration,
         "elapsed_s": elapsed,
@@ -75,9 +88,9 @@ def save_checkpoint(
 
 
 def restore_checkpoint(
-    trainer: Trainer, path: Path, seed: int
+    trainer: Stateful, path: Path, seed: int, part: str = TRAINING
 ) -> tuple[int, float, dict[str, float]]:
-    """Continue from a checkpoint, if there is one.
+    """Continue from a checkpoint, if there is one of this part of the work.
 
     Returns:
         Iterations done, seconds they took, metrics of the last one.
@@ -93,6 +106,8 @@ def restore_checkpoint(
             f"{path}: a checkpoint of another version of lacoloco; finish it with that version, or "
             "start the training again"
         )
+    if _part(artifact.metadata) != part:
+        return 0, 0.0, {}
     iteration, elapsed = artifact.metadata["iteration"], float(artifact.metadata["elapsed_s"])
     state = unflatten_state(artifact.arrays, artifact.metadata["structure"])
     try:
@@ -106,7 +121,7 @@ def restore_checkpoint(
 
 
 def _restore(
-    trainer: Trainer, state: dict[str, Any], processes: int, iteration: int, seed: int
+    trainer: Stateful, state: dict[str, Any], processes: int, iteration: int, seed: int
 ) -> None:
     """Put the state of a checkpoint into the trainer and the generators."""
     state["trainer"] = _under_todays_names(state["trainer"])

@@ -12,12 +12,10 @@ from lacoloco.datasets.store import ARTIFACT, StageDir
 from lacoloco.datasets.work import Work
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.stage import StageContext, StageResult
-from lacoloco.pipelines.training.checkpoint import (
-    checkpoint_path,
-    has_checkpoint,
-)
+from lacoloco.pipelines.training.checkpoint import TRAINING, checkpoint_path, part_of
 from lacoloco.pipelines.training.diagnostics import Metrics
 from lacoloco.pipelines.training.loop import train
+from lacoloco.pipelines.training.pretraining import KeptPretraining, PretrainingLog
 from lacoloco.pipelines.training.trainer import Trainer
 
 
@@ -28,8 +26,10 @@ class StageTrainer(Trainer, Protocol):
     def iterations(self) -> int:
         """Iterations in all."""
 
-    def pretrain(self) -> Mapping[str, float]:
-        """Fit the first policy without rewards; returns what is worth saying of it."""
+    def pretrain(self, log: PretrainingLog | None = None) -> Mapping[str, float]:
+        """Fit the first policy without rewards, and tell ``log`` how far that is; returns what is
+        worth saying of the policy.
+        """
 
 
 AnyTrainer = TypeVar("AnyTrainer", bound=StageTrainer)
@@ -76,18 +76,21 @@ class TrainStage:
         """
         directory = begin(self.context, self.verb, self.method, self.work)
         trainer = make_trainer()
-        # A training without a checkpoint starts again, and its pretraining too.
-        if pretraining and not has_checkpoint(directory.path):
+        name = describe(self.verb, self.method, self.context.seed)
+        path = checkpoint_path(directory.path, name)
+        # A training without a checkpoint starts again, its pretraining after the last round.
+        if pretraining and part_of(path) != TRAINING:
             self.context.progress.say(pretraining)
-            if reached := trainer.pretrain():
-                said = (f"{name} {value:.3g}" for name, value in reached.items())
+            log = KeptPretraining(self.context, path, asdict(self.config))
+            if reached := trainer.pretrain(log):
+                said = (f"{key} {value:.3g}" for key, value in reached.items())
                 self.context.progress.say(", ".join(said))
         metrics = train(
             trainer,
             trainer.iterations,
             directory.path,
             self.context,
-            describe(self.verb, self.method, self.context.seed),
+            name,
             self.log_keys,
             config=asdict(self.config),
             warn=self.warn,

@@ -322,13 +322,22 @@ def test_seeds_decide_the_training(kind, make_trainer, tmp_path, context):
     assert results[0]["value"] == results[1]["value"] != results[2]["value"]
 
 
-def test_a_training_has_a_checkpoint_only_once_one_is_written(tmp_path):
-    (tmp_path / "metrics.jsonl").touch()
-    assert not checkpoint.has_checkpoint(tmp_path)
-    (tmp_path / "train-low-drail-seed-0.checkpoint.h5").touch()
-    assert checkpoint.has_checkpoint(tmp_path)
+def test_a_trainings_first_checkpoint_replaces_that_of_its_pretraining(tmp_path, context):
+    path, begun = tmp_path / "walk.checkpoint.h5", Walk()
+    assert checkpoint.part_of(path) == ""
+    begun.total += 1.0
+    checkpoint.save_checkpoint(begun, path, 3, 0.0, {}, context, {}, checkpoint.PRETRAINING)
+    assert checkpoint.part_of(path) == checkpoint.PRETRAINING
+    walk = Walk()
+    assert checkpoint.restore_checkpoint(walk, path, 7) == (0, 0.0, {})
+    assert not walk.total.any(), "a training does not begin with what its pretraining kept"
+    assert checkpoint.restore_checkpoint(walk, path, 7, checkpoint.PRETRAINING)[0] == 3
+    assert torch.equal(walk.total, begun.total)
+    train(Walk(), 2, tmp_path, context, "walk")
+    assert checkpoint.part_of(path) == checkpoint.TRAINING
+    assert checkpoint.restore_checkpoint(walk, path, 7, checkpoint.PRETRAINING)[0] == 0
     remove_working(tmp_path)
-    assert not checkpoint.has_checkpoint(tmp_path)
+    assert checkpoint.part_of(path) == ""
 
 
 def test_a_checkpoint_goes_on_whose_parts_have_their_old_names(tmp_path, context):
