@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from lacoloco_cli.console import note
-from lacoloco_cli.options import IN_A_RUN, MotionsToCompare
-from lacoloco_cli.play import named_source
+from lacoloco_cli.options import IN_A_RUN, MotionsToCompare, Port
+from lacoloco_cli.play import named_source, open_browser
 from lacoloco_cli.session import Session, path_text, verb
 
 app = typer.Typer()
@@ -31,12 +28,7 @@ def explore(
             " newest of the run used last. One with a high level has a target to drag, too.",
         ),
     ] = None,
-    port: Annotated[
-        int,
-        typer.Option(
-            "--port", min=0, max=65535, help="Of the page on this machine; 0: any that is free."
-        ),
-    ] = 0,
+    port: Port = 0,
     latents: Annotated[
         int,
         typer.Option(
@@ -56,24 +48,11 @@ def explore(
     pip install 'lacoloco[explore]'.
     """
     from lacoloco.datasets.published import resolve
-    from lacoloco.pipelines.exploring.explorer import Wishes
-    from lacoloco.pipelines.exploring.explorer import explore as explore_policy
+    from lacoloco.pipelines.exploring import explorer
 
     policy = named_source(session, low, STEERABLE)
     title = path_text(policy) if low is None else str(low)
     chosen = [resolve(one) for one in motions or ()]
-    wishes = Wishes(policy, title, chosen, latents, seed, port)
-    answer = explore_policy(wishes, session.progress.say, open_browser)
+    config = explorer.ExploreConfig(policy, title, chosen, latents, seed, port)
+    answer = explorer.explore(config, session.progress.say, open_browser)
     session.answer({"policy": path_text(policy), **answer}, lambda: None)
-
-
-def open_browser(address: str) -> None:
-    """Say where the page is, and show it where there is a screen and a person at a terminal."""
-    import webbrowser
-
-    note(f"{address}  (Ctrl-C ends)")
-    screen = sys.platform in ("darwin", "win32") or any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-    )
-    if screen and sys.stdout.isatty():
-        webbrowser.open(address)

@@ -89,6 +89,12 @@ MotionsToCompare = Annotated[
         "--motions", help="Motions to compare with; default: those that the policy comes from."
     ),
 ]
+Port = Annotated[
+    int,
+    typer.Option(
+        "--port", min=0, max=65535, help="Of the page on this machine; 0: any that is free."
+    ),
+]
 Seeds = Annotated[
     int,
     typer.Option("--seeds", min=1, max=1000, help="How many seeds, counted up from --seed."),

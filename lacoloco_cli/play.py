@@ -16,7 +16,7 @@ from lacoloco_cli import switching
 from lacoloco_cli.console import note
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.option_group import with_options
-from lacoloco_cli.options import AT_ONCE
+from lacoloco_cli.options import AT_ONCE, Port
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.video import VideoOptions, draw_video
 from lacoloco_cli.written_files import PAGE, check_ending, check_output, copy_to
@@ -48,12 +48,7 @@ def play(
         Path | None,
         typer.Option("--html", metavar="FILE", help="Write the page there; open no browser."),
     ] = None,
-    port: Annotated[
-        int,
-        typer.Option(
-            "--port", min=0, max=65535, help="Of the page on this machine; 0: any that is free."
-        ),
-    ] = 0,
+    port: Port = 0,
     latents: Annotated[
         str | None,
         typer.Option(
@@ -207,16 +202,22 @@ def show(page: Path, port: int = 0) -> None:
     Raises:
         StageError: Another program has the port.
     """
-    import webbrowser
-
     from lacoloco.pipelines.viewing.server import served
 
     with suppress(KeyboardInterrupt), served(page.read_bytes(), port) as address:
-        note(f"{address}  (Ctrl-C ends)")
-        screen = sys.platform in ("darwin", "win32")
-        if screen or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-            webbrowser.open(address)
+        open_browser(address)
         forever()
+
+
+def open_browser(address: str) -> None:
+    """Say where a page is, and show it where there is a screen and a person at a terminal."""
+    import webbrowser
+
+    note(f"{address}  (Ctrl-C ends)")
+    screen = sys.platform in ("darwin", "win32")
+    screen = screen or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    if screen and watched():
+        webbrowser.open(address)
 
 
 def forever() -> None:

@@ -1,1 +1,1 @@
-"""A trained policy in somebody's hands: one robot, live, and the latents that steer it."""
+"""One robot, live in the browser, and the latents by which a person steers it."""

@@ -13,7 +13,7 @@ from lacoloco.pipelines.exploring.latent_map import SECONDS, hold_sampled
 from lacoloco.pipelines.exploring.live import run
 from lacoloco.pipelines.exploring.map_board import MapBoard
 from lacoloco.pipelines.exploring.page import Page
-from lacoloco.pipelines.exploring.server import check_viser, local_server
+from lacoloco.pipelines.exploring.server import check_port, check_viser, local_server
 from lacoloco.pipelines.exploring.target_handle import TargetHandle
 from lacoloco.pipelines.exploring.world import ExploredWorld
 from lacoloco.pipelines.policies import load_policies, task_of
@@ -21,7 +21,7 @@ from lacoloco.pipelines.robot import Say, robot_of
 
 
 @dataclass(frozen=True)
-class Wishes:
+class ExploreConfig:
     """What is explored, and how.
 
     Attributes:
@@ -41,11 +41,11 @@ class Wishes:
     port: int = 0
 
 
-def explore(wishes: Wishes, say: Say, opened: Callable[[str], None]) -> dict[str, str]:
+def explore(config: ExploreConfig, say: Say, opened: Callable[[str], None]) -> dict[str, str]:
     """Serve the page until Ctrl-C.
 
     Args:
-        wishes: What.
+        config: What.
         say: Takes one line for the user.
         opened: Told the address of the page.
 
@@ -57,17 +57,18 @@ def explore(wishes: Wishes, say: Say, opened: Callable[[str], None]) -> dict[str
         ArtifactError: An input is missing or damaged, or there is no low level.
     """
     check_viser()
-    artifact, policies = load_policies(wishes.policy, "low")
+    check_port(config.port)
+    artifact, policies = load_policies(config.policy, "low")
     spec = robot_of(artifact, say)
-    clips = clips_at_hand(wishes.policy, wishes.motions, spec.name)
+    clips = clips_at_hand(config.policy, config.motions, spec.name)
     held = None
-    if wishes.latents:
-        say(f"holding {wishes.latents} latents for {SECONDS:.0f} s each, for the map")
-        held = hold_sampled(spec, policies["low"], wishes.latents, wishes.seed)
+    if config.latents:
+        say(f"holding {config.latents} latents for {SECONDS:.0f} s each, for the map")
+        held = hold_sampled(spec, policies["low"], config.latents, config.seed)
     task = task_of(artifact, spec) if "high" in policies else None
-    world = ExploredWorld(policies, spec, task, seed=wishes.seed)
-    with local_server(wishes.port) as server:
-        page = Page(server, world, f"{wishes.title} ({spec.name})")
+    world = ExploredWorld(policies, spec, task, seed=config.seed)
+    with local_server(config.port) as server:
+        page = Page(server, world, f"{config.title} ({spec.name})")
         if world.has_target:
             TargetHandle(page)
         if held is not None:

@@ -80,12 +80,12 @@ def run(world: ExploredWorld, page: Page, stop: Event, clips: ClipNames | None =
         if lying * CONTROL_DT > LYING_S:
             world.reset()
         if number % TOLD_EVERY == 0:
-            page.tell(told(world, np.stack(recent), pace.rate, clips))
+            page.tell(status_text(world, np.stack(recent), pace.rate, clips))
         number += 1
         pace.wait()
 
 
-def told(
+def status_text(
     world: ExploredWorld, frames: np.ndarray, rate: float, clips: ClipNames | None = None
 ) -> str:
     """What the robot does, in a few lines.
@@ -100,7 +100,7 @@ def told(
     forward, left, turning = float(mean[4]), float(mean[5]), float(mean[9])
     lines = [
         f"forward {forward:+.2f} m/s, left {left:+.2f} m/s, turning {turning:+.2f} rad/s",
-        f"end effector {world.lift:.2f} m up, friction {world.friction:.2f}",
+        f"end effector {world.end_effector_height:.2f} m up, friction {world.friction:.2f}",
     ]
     if world.has_target:
         lines[-1] += f", {100 * world.target_error:.1f} cm from the target"

@@ -104,7 +104,7 @@ class Page:
             ]
             for index, slider in enumerate(self.sliders):
                 self.when_moved(slider, partial(self._turn, index))
-            self.button("Any latent (N)", self.world.take_any, "N")
+            self.button("Random latent (N)", self.world.take_random, "N")
 
     def _add_actions(self) -> None:
         gui, world = self.server.gui, self.world

@@ -48,18 +48,19 @@ def local_server(port: int = 0, label: str = "lacoloco") -> Iterator[viser.Viser
             return None
 
     with redirect_stdout(StringIO()):  # it prints its address whatever `verbose` says
-        server = LocalServer(HOST, _free(port), label, verbose=False)
-    server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
-    server.gui.main_panel.dock_right()
+        server = LocalServer(HOST, check_port(port), label, verbose=False)
     try:
+        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        server.gui.main_panel.dock_right()
         yield server
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
 
 
-def _free(port: int) -> int:
-    """The port, if it is free: viser itself would silently take the next one.
+def check_port(port: int) -> int:
+    """The port, if it is free: viser itself would silently take the next one. One that is free for
+    0.
 
     Raises:
         StageError: It is not.

@@ -71,8 +71,8 @@ class ExploredWorld:
         return self._env.frame()[0]
 
     @property
-    def lift(self) -> float:
-        """Height of the end effector [m]."""
+    def end_effector_height(self) -> float:
+        """Of the end effector above the floor [m]."""
         return float(self._env.end_effector()[0, 2])
 
     @property
@@ -107,7 +107,7 @@ class ExploredWorld:
         self._latent = project(torch.as_tensor(latent, dtype=torch.float32)[None])
         self.high_steers = False
 
-    def take_any(self) -> None:
+    def take_random(self) -> None:
         """Hold a latent drawn uniformly from the sphere."""
         self.take(sample_latents(1, self.dim, self._generator)[0].numpy())
 

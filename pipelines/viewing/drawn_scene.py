@@ -10,6 +10,8 @@ from lacoloco.robots.spec import RobotSpec
 SUN = np.array([0.0, 0.0, -9.5])
 """From where its light starts to the robot, in standing heights of the robot.
 Straight down: under slanting light, specks show on the floor where the shadow map ends."""
+LAST_DRAWN_GROUP = 2
+"""The last group of shapes that MuJoCo draws, unless it is told otherwise."""
 TARGET_RGBA = (1.0, 0.12, 0.2, 1.0)
 TARGET_RADIUS = 0.095
 """In standing heights of the robot; larger than on the page, whose pictures are larger."""

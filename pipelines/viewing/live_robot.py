@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from lacoloco.pipelines.viewing.drawn_scene import LAST_DRAWN_GROUP
 from lacoloco.robots.spec import RobotSpec
 
 if TYPE_CHECKING:
@@ -42,10 +43,16 @@ class LiveRobot:
             frame.position, frame.wxyz = self._data.xpos[body], self._data.xquat[body]
 
     def _add_geom(self, server: viser.ViserServer, geom: int) -> None:
+        """Add a geom as MuJoCo would draw it; nothing for one that it would not."""
         model = self._model
-        mesh, body = geom_mesh(model, geom), int(model.geom_bodyid[geom])
-        red, green, blue, alpha = (float(value) for value in model.geom_rgba[geom])
-        if mesh is None or body == 0 or alpha == 0.0:
+        mesh, body, material = (
+            geom_mesh(model, geom),
+            model.geom_bodyid[geom],
+            model.geom_matid[geom],
+        )
+        colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+        red, green, blue, alpha = (float(value) for value in colour)
+        if mesh is None or body == 0 or alpha == 0.0 or model.geom_group[geom] > LAST_DRAWN_GROUP:
             return
         server.scene.add_mesh_simple(
             f"{WORLD}/robot/{body}/{geom}",

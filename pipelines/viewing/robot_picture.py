@@ -8,7 +8,7 @@ import matplotlib.image
 import mujoco
 import numpy as np
 
-from lacoloco.pipelines.viewing.drawn_scene import add_sky
+from lacoloco.pipelines.viewing.drawn_scene import LAST_DRAWN_GROUP, add_sky
 from lacoloco.pipelines.viewing.offscreen import Painter
 from lacoloco.robots.scene import compile_scene
 from lacoloco.robots.spec import RobotSpec
@@ -19,8 +19,6 @@ AZIMUTH, ELEVATION = 145.0, -14.0
 """Where the camera looks, degrees: from ahead of the robot, from its right, from above."""
 ROOM = 0.9
 """Of the ball around the robot's shapes, the share that has to be seen: no robot fills it."""
-LOOKED_AT = 2
-"""The last group of shapes that MuJoCo draws, unless it is told otherwise."""
 SHOWN, HIDDEN = 0, 5
 """One that it draws, and one that it does not."""
 
@@ -44,7 +42,7 @@ def draw_robot(spec: RobotSpec, qpos: np.ndarray) -> bytes:
     mujoco.mj_forward(model, data)
     touching = (model.geom_contype | model.geom_conaffinity) != 0
     floor = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-    looks = model.geom_group <= LOOKED_AT
+    looks = model.geom_group <= LAST_DRAWN_GROUP
     camera = _camera(model, data, ~floor)
     halves = []
     with Painter(model, WIDTH, HEIGHT) as painter:

@@ -1,4 +1,5 @@
 import json
+import socket
 from dataclasses import replace
 
 import pytest
@@ -84,6 +85,18 @@ def test_mistakes(explored, arguments, hint):
     assert hint in result.stderr
     assert result.stderr.count("\n") == 1
     assert not explored
+
+
+def test_a_port_that_is_taken_is_refused_before_the_work(explored, monkeypatch):
+    monkeypatch.setattr(explorer, "hold_sampled", None)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = invoke("solo12-synthetic-low", "--port", port)
+    assert result.exit_code == 2
+    assert f"--port {port}" in result.stderr
+    assert result.stderr.count("\n") == 1
 
 
 def test_without_viser_it_says_how_to_install_it(monkeypatch):

@@ -50,9 +50,9 @@ def live():
     from lacoloco.pipelines.exploring.server import local_server
 
     @contextmanager
-    def shown(world, **options):
+    def shown(world):
         with local_server() as server:
-            page, stop = Page(server, world, "tried", **options), threading.Event()
+            page, stop = Page(server, world, "tried"), threading.Event()
             loop = threading.Thread(target=run, args=(world, page, stop))
             loop.start()
             try:

@@ -1,5 +1,7 @@
 import socket
+from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -49,10 +51,27 @@ def test_without_viser_one_line_says_how_to_install_it(monkeypatch):
         check_viser()
 
 
+def test_a_robot_is_shown_as_mujoco_draws_it():
+    pytest.importorskip("viser")
+    from lacoloco.pipelines.viewing.live_robot import LiveRobot
+
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><asset><material name="red" rgba="1 0 0 1"/></asset><worldbody>
+        <body><freejoint/><geom name="looks" size="1" material="red" contype="0" conaffinity="0"/>
+        <geom name="touches" size="1" group="3"/></body></worldbody></mujoco>"""
+    )
+    spec = SimpleNamespace(model=lambda: model, default_qpos=lambda: model.qpos0)
+    added = {}
+    scene = SimpleNamespace(
+        add_frame=lambda name, **_: SimpleNamespace(),
+        add_mesh_simple=lambda name, *_, color, **__: added.update({name: color}),
+    )
+    LiveRobot(SimpleNamespace(scene=scene), spec)
+    assert added == {"/world/robot/1/0": (255, 0, 0)}
+
+
 def test_every_kind_of_geom_becomes_triangles_of_its_size():
     pytest.importorskip("trimesh")
-    import mujoco
-
     from lacoloco.pipelines.viewing.live_robot import geom_mesh
 
     model = mujoco.MjModel.from_xml_string(

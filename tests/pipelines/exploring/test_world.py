@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lacoloco.pipelines.exploring.live import told
+from lacoloco.pipelines.exploring.live import status_text
 from lacoloco.pipelines.exploring.page import Page
 from lacoloco.pipelines.exploring.server import local_server
 from lacoloco.pipelines.exploring.world import ExploredWorld, rotated_to
@@ -80,11 +80,11 @@ def test_any_robot_can_be_explored_with_latents_of_any_width(robot):
         page = Page(server, world, robot.name)
         assert len(page.sliders) == 3
         before = world.qpos
-        page.ask(world.take_any)
+        page.ask(world.take_random)
         page.obey()
         world.step()
         page.draw()
-        page.tell(told(world, world.frame[None].numpy(), 50.0))
+        page.tell(status_text(world, world.frame[None].numpy(), 50.0))
         assert not np.allclose(world.qpos, before)
         assert "50 steps/s" in page.status.content
         assert [slider.value for slider in page.sliders] == pytest.approx(world.latent, abs=0.011)
