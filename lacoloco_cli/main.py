@@ -29,7 +29,7 @@ VERBS = {
     "explore": ("explore", "Steer a low level by hand, live in the browser."),
     "run": ("run", "Run a whole experiment, e.g. quickstart or solo12-dog."),
     "runs": ("runs", "List, show, plot, report, verify and publish what lies in runs/."),
-    "robots": ("robots", "List, show and check the robots."),
+    "robots": ("robots", "List, show, import and check robots."),
     "bench": ("bench", "Measure speed next to the raw engine."),
     "doctor": ("doctor", "Check the installation; say which engine is used."),
 }

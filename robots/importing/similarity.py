@@ -1,4 +1,4 @@
-"""Numbers of a robot's trainings that follow from its size, weight and reach.
+"""Numbers of a robot's trainings that follow from its size, weight, reach and gains.
 
 Robots of one shape move alike when lengths are counted in standing heights h, speeds in sqrt(g h),
 times in sqrt(h / g) and torques in m g h. The factors below were tuned on a quadruped of 0.31 m and
