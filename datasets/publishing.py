@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lacoloco.datasets import provenance, published, samples
-from lacoloco.datasets.artifact import read_artifact
+from lacoloco.datasets.artifact import Header, read_artifact
 from lacoloco.datasets.atomic_write import write_file
 from lacoloco.datasets.errors import ArtifactError, DatasetError
 from lacoloco.datasets.hashing import hash_file
@@ -51,8 +51,8 @@ def publish(artifact: Path, name: str, *, uncommitted: str = "") -> Path:
     Raises:
         ArtifactError: the artifact is damaged or the file system refuses.
         DatasetError: a name that is taken or cannot be one; lacoloco runs outside a checkout; the
-            lineage has gaps, uncommitted code, or sources that are not lacoloco's own; or all
-            together would be too large.
+            lineage has gaps, uncommitted code, or sources that are not lacoloco's own;
+            `uncommitted` is said of committed code; or all together would be too large.
     """
     if not _NAME.fullmatch(name):
         raise DatasetError(f"'{name}': use lower-case letters and digits, joined by hyphens")
@@ -66,6 +66,8 @@ def publish(artifact: Path, name: str, *, uncommitted: str = "") -> Path:
     ancestors = lineage(artifact)
     for ancestor in ancestors:
         _check(ancestor, uncommitted)
+    if uncommitted and not any(a.header is not None and _changed(a.header) for a in ancestors):
+        raise DatasetError("--uncommitted: all of it was made by committed code; leave it out")
     _check_size(artifact)
     record = {
         "name": name,
@@ -107,16 +109,24 @@ def _check(ancestor: Ancestor, uncommitted: str) -> None:
         return
     if path.resolve().parent == published.FOLDER.resolve():
         return  # has passed before
-    changed = header.git_commit.endswith("-dirty")
-    if not header.git_commit or (changed and not uncommitted):
+    if not header.git_commit:
         raise DatasetError(
-            f"{path}: made by code that was not committed ({header.git_commit or 'no checkout'}); "
-            "commit and make it again, or say what had been changed: --uncommitted"
+            f"{path}: made by code that was not committed (no checkout); make it again in one"
+        )
+    if _changed(header) and not uncommitted:
+        raise DatasetError(
+            f"{path}: made by code that was not committed ({header.git_commit}); commit and make "
+            "it again, or say what had been changed: --uncommitted"
         )
     if ancestor.depth == 0 and any(Path(parent.path).is_absolute() for parent in header.parents):
         raise DatasetError(
             f"{path}: names a parent by its place on this machine; make both in one runs directory"
         )
+
+
+def _changed(header: Header) -> bool:
+    """Whether an artifact was made by a checkout with changes that were not committed."""
+    return header.git_commit.endswith("-dirty")
 
 
 def _check_size(artifact: Path) -> None:

@@ -112,6 +112,9 @@ def clone(
     """Minimise the squared error of the mean action over actor and embedding together; latents stay
     uniform.
 
+    Layers multiply in bfloat16 where :func:`~lacoloco.pipelines.learn.precision.fast_products` says
+    that this is faster; losses and updates are float32.
+
     Args:
         actor: over the groups ``policy`` (frame, last action) and ``latent``; its normaliser learns
             the observations.

@@ -65,9 +65,8 @@ class KeptPretraining(PretrainingLog):
         Raises:
             ArtifactError: The checkpoint is damaged, or of another version.
         """
-        begun = restore_checkpoint(state, self._path, self._context.seed, PRETRAINING)
-        parallel.wait_for_all()
-        finished, _, told = begun
+        finished, _, told = restore_checkpoint(state, self._path, self._context.seed, PRETRAINING)
+        parallel.wait_for_all()  # or the first process replaces what others still read
         if finished:
             self._progress.say(f"going on after round {finished} of {count}")
             self.advance(int(told["steps"]))

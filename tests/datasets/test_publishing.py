@@ -105,6 +105,12 @@ def test_what_was_not_committed_may_be_said_instead(folder, add):
         publish(add("generate", commit=""), "clips", uncommitted="all of it")
 
 
+def test_nothing_is_said_to_have_been_uncommitted_that_was_not(folder, add):
+    with pytest.raises(DatasetError, match="--uncommitted: .* leave it out"):
+        publish(add("train-low", [add("generate")]), "low", uncommitted="one reward")
+    assert not list(folder.iterdir())
+
+
 def test_what_was_published_before_is_not_judged_again(folder, add):
     publish(add("experts"), "experts")
     other = add("generate", commit=COMMIT + "-dirty")
