@@ -165,6 +165,13 @@ class CloningRounds:
         self.metrics: dict[str, float] = {}
         """What the rounds so far came to; with ``clone_error`` after the last one."""
 
+    def ask(self, noise: torch.Tensor, action_noise: float, watch: Callable[[int], None]) -> float:
+        """Ask the experts where the actor gets to; see :meth:`Cloning.ask`."""
+        assert self.labels is not None
+        falls = self.cloning.ask(self.actor, self.labels, noise, action_noise, watch=watch)
+        self.metrics["expert_falls_per_1000_steps"] = falls
+        return falls
+
     def state_dict(self) -> dict[str, Any]:
         """Actor, embedding, answers, the experts' worlds, generators."""
         cloning = self.cloning.state_dict()

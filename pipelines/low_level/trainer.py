@@ -155,33 +155,34 @@ class LowTrainer:
             rounds of questions to the experts also the falls per 1000 steps in the last round, and
             the share of episodes under switching latents that end in a fall.
         """
-        config, actor, log = self.config, self.algorithm.actor, log or PretrainingLog()
-        run = CloningRounds(self._cloning(), actor, self.labels)
-        asked = config.expert_rounds or 0
-        before, last = round(ASKED_AFTER * config.bc_steps), (ALL_ASKED if asked else 1)
-        answers = self.labels.steps if self.labels is not None else 0
-        log.start("cloning the clips", asked * (before + answers) + last * config.bc_steps)
-        for number in log.rounds(run, asked + 1):
-            if number > asked:
-                error = run.cloning.fit(actor, last * config.bc_steps, log.fitting(number))
-                run.metrics["clone_error"] = error
-                continue
-            assert self.labels is not None
-            run.cloning.fit(actor, before, log.fitting(number))
-            noise = self.env.noise_scale
-            falls = run.cloning.ask(
-                actor, self.labels, noise, config.exploration_std, watch=log.advance
-            )
-            run.metrics["expert_falls_per_1000_steps"] = falls
-            log.advance(0, falls_per_1000_steps=falls)
-        log.stop()
-        metrics = dict(run.metrics)
-        if asked:
+        config, actor = self.config, self.algorithm.actor
+        metrics = self._clone(log or PretrainingLog())
+        if config.expert_rounds:
             cloned = Policy(self.head, actor)
             switching = latent_switching_robustness(self.spec, cloned, seed=self.seed)
             metrics["cloned_switching_fall_rate"] = switching["switching_fall_rate"]
         parallel.copy_from_first(actor, self.embedding)
         return metrics | {"clone_cosine": self.algorithm.fit_encoder(config.bc_steps // 4)}
+
+    def _clone(self, log: PretrainingLog) -> dict[str, float]:
+        """Fit the actor to the clips, ask the experts and fit again; returns what that came to."""
+        config, actor = self.config, self.algorithm.actor
+        rounds = CloningRounds(self._cloning(), actor, self.labels)
+        asked = config.expert_rounds or 0
+        before = round(ASKED_AFTER * config.bc_steps)
+        last = config.bc_steps * (ALL_ASKED if asked else 1)
+        answers = self.labels.steps if self.labels is not None else 0
+        log.start("cloning the clips", asked * (before + answers) + last)
+        for number in log.rounds(rounds, asked + 1):
+            watch = log.fitting(number)
+            if number <= asked:
+                rounds.cloning.fit(actor, before, watch)
+                falls = rounds.ask(self.env.noise_scale, config.exploration_std, log.advance)
+                log.advance(0, falls_per_1000_steps=falls)
+            else:
+                rounds.metrics["clone_error"] = rounds.cloning.fit(actor, last, watch)
+        log.stop()
+        return dict(rounds.metrics)
 
     def _cloning(self) -> Cloning:
         """The clips as data to clone."""
