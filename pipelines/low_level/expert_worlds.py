@@ -151,8 +151,10 @@ class ExpertWorlds:
 
         Args:
             student: The policy.
-            noise: (F + A,) half-ranges of the uniform noise on what it sees.
-            action_noise: Standard deviation of the noise on its actions.
+            noise: (F + A,) half-ranges of the uniform noise on what it sees, in every other world.
+                With noise nothing ever rests; an arm that rests far from where it should be would
+                not be seen.
+            action_noise: Standard deviation of the noise on its actions, in the same worlds.
             history: How many readings it sees, that of now included.
 
         Returns:
@@ -162,6 +164,7 @@ class ExpertWorlds:
         handover = steps * self._uniform() * (self._uniform() < 0.5)
         self._begin(torch.ones_like(self._performs))
         kept, counted, falls = [], [], torch.zeros((), dtype=torch.long, device=env.device)
+        noisy = (torch.arange(env.num_worlds, device=env.device) % 2)[:, None]
         record: Record | None = None
         began = [torch.ones_like(self._performs)]
         for step in range(steps):
@@ -169,12 +172,12 @@ class ExpertWorlds:
             speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
             counted.append(~self._watched.stops[row] | (speed > self._rests))
             observation = torch.cat((frame, last), dim=-1)
-            observation = observation + noise * (2.0 * self._like(observation) - 1.0)
+            observation = observation + noisy * noise * (2.0 * self._like(observation) - 1.0)
             record = record or Record(observation, history)
             record.push(observation)
             record.restart(began[-1], observation)
             own = student(record.latest(history), row)
-            own = own + action_noise * self._like(own, torch.randn)
+            own = own + noisy * action_noise * self._like(own, torch.randn)
             own = own.masked_fill((step < handover)[:, None], torch.nan)
             outcome, asked, self._last_action = self._step(own)
             kept.append((frame, last, asked, row))
