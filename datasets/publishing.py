@@ -118,6 +118,11 @@ def _check(ancestor: Ancestor, uncommitted: str) -> None:
             f"{path}: made by code that was not committed ({header.git_commit}); commit and make "
             "it again, or say what had been changed: --uncommitted"
         )
+    if any(Path(word.partition("=")[2] or word).is_absolute() for word in header.command.split()):
+        raise DatasetError(
+            f"{path}: its command names a place on this machine ({header.command}); make it again "
+            "with names or relative paths"
+        )
     if ancestor.depth == 0 and any(Path(parent.path).is_absolute() for parent in header.parents):
         raise DatasetError(
             f"{path}: names a parent by its place on this machine; make both in one runs directory"

@@ -28,7 +28,7 @@ def folder(tmp_path, monkeypatch):
 def add(monkeypatch):
     """Complete one version of a stage, made by committed code unless said otherwise."""
 
-    def factory(stage, parents=(), commit=COMMIT):
+    def factory(stage, parents=(), commit=COMMIT, options=""):
         monkeypatch.setattr(provenance, "git_commit", lambda: commit)
         directory = RunStore().begin("run", stage)
         write_artifact(
@@ -40,7 +40,7 @@ def add(monkeypatch):
             seed=3,
             robot=("solo12", "abc"),
             parents=parents,
-            command=f"lacoloco {stage}",
+            command=f"lacoloco {stage}{options}",
         )
         monkeypatch.setattr(provenance, "git_commit", lambda: COMMIT)
         return directory.complete()
@@ -117,6 +117,15 @@ def test_what_was_published_before_is_not_judged_again(folder, add):
     (folder / "old.h5").write_bytes(other.read_bytes())
     publish(add("train-low", [folder / "old.h5"]), "low")
     assert [row["file"] for row in recorded("low")["lineage"]] == ["run/train-low/0001", "old.h5"]
+
+
+@pytest.mark.parametrize("option", [" --robot /somewhere/rover", " --robot=/somewhere/rover"])
+def test_a_command_that_names_a_place_on_the_machine_is_refused_also_far_back(folder, add, option):
+    experts = add("generate", options=option)
+    for artifact in (experts, add("train-low", [experts])):
+        with pytest.raises(DatasetError, match="names a place on this machine"):
+            publish(artifact, "low")
+    assert publish(add("generate", options=" --robot robots/rover"), "clips").is_file()
 
 
 def test_sources_of_others_are_refused(folder, add, tmp_path):
