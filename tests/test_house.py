@@ -54,7 +54,8 @@ def test_pipelines_assume_no_robot():
 
 
 def test_no_file_names_a_place_of_one_machine():
-    files = tracked(".py", ".md", ".toml", ".yml", ".yaml", ".cff", ".xml", "Makefile", "run")
+    texts = (".py", ".md", ".toml", ".yml", ".yaml", ".cff", ".xml", ".json", "Makefile", "run")
+    files = tracked(*texts)
     files = [file for file in files if file.name != "test_house.py"]
     assert lines_with(MACHINE, files) == []
 
