@@ -16,8 +16,11 @@ from lacoloco.datasets.work import Work
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.episodes import play_episodes
 from lacoloco.pipelines.evaluation.task_reward import task_reward
-from lacoloco.pipelines.high_level.config import CONTACT_FORCE_PENALTY, TrainHighConfig
-from lacoloco.pipelines.high_level.hindsight import HindsightConfig
+from lacoloco.pipelines.high_level.config import (
+    CONTACT_FORCE_PENALTY,
+    SkillDynamicsConfig,
+    TrainHighConfig,
+)
 from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.networks import NetworkConfig
@@ -46,7 +49,9 @@ def smoke() -> TrainHighConfig:
     return TrainHighConfig(
         worlds=16,
         decisions=16 * 4 * 2,
-        hindsight=HindsightConfig(decisions=4, hold=(1, 3), steps=4, batch=64),
+        skill_dynamics=SkillDynamicsConfig(
+            rounds=1, decisions=4, hold=(3, 4), model_steps=4, policy_steps=4, batch=64
+        ),
         ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
     )
@@ -123,8 +128,8 @@ def run(
     moves = isinstance(rules.command, TargetCommand | VelocityCommand)
     warnings = partial(high_level_warnings, walk_speed=spec.skills.walk_speed if moves else 0.0)
     stage = TrainStage("train-high", method, config, context, asked, LOG_KEYS, warnings)
-    pretraining = "trying latents and fitting the first policy to where they led"
-    return stage.run(make_trainer, save, pretraining if mine.hindsight.decisions else None)
+    pretraining = "trying latents, and making a first policy from what they do"
+    return stage.run(make_trainer, save, pretraining if mine.skill_dynamics.rounds else None)
 
 
 def work(

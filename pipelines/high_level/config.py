@@ -16,7 +16,6 @@ from lacoloco.datasets.config_values import (
     Within,
     Worlds,
 )
-from lacoloco.pipelines.high_level.hindsight import HindsightConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.sim.observation import ObservationConfig
@@ -25,6 +24,29 @@ CONTACT_FORCE_PENALTY = 4.0
 """Default over a constrained low level. A penalty of 10 from the start removed four fifths of the
 violations, but learning was much slower: 39 cm instead of 15 cm after 0.9 M decisions.
 """
+
+
+@dataclass(frozen=True)
+class SkillDynamicsConfig:
+    """Pretraining: what latents do is learned, and a policy made from it.
+
+    Attributes:
+        rounds: How often latents are tried. From the second on the policy of before steers half of
+            the time, so that they are tried where it brings the robot. 0 starts from a random
+            network.
+        decisions: Decisions per world in a round.
+        hold: Fewest and most decisions for which a latent is held.
+        model_steps: Gradient steps of what predicts, in a round.
+        policy_steps: Gradient steps of the policy, in a round.
+        batch: Decisions per gradient step.
+    """
+
+    rounds: Annotated[int, Within(0, 1000)] = 2
+    decisions: Annotated[int, Within(1, 100_000)] = 100
+    hold: Annotated[tuple[int, int], Within(1, 100_000), Rising()] = (5, 25)
+    model_steps: Annotated[int, Within(1, 10**7)] = 2000
+    policy_steps: Annotated[int, Within(1, 10**7)] = 1500
+    batch: Annotated[int, Within(1, 2**20)] = 2048
 
 
 @dataclass(frozen=True)
@@ -38,7 +60,7 @@ class TrainHighConfig:
             and at the end. High-noise phases keep the first value.
         kl_anneal: What the KL target falls to, as a share of itself, and the shares of the training
             between which it falls.
-        hindsight: Pretraining on random latents and where they led.
+        skill_dynamics: Pretraining on what random latents do.
         critic_warmup: Share of the training in which only the critic learns.
         reward_scale: Factor on the task's reward.
         fall_penalty: Taken from the scaled reward by a fall. The lost future alone is worth little
@@ -71,7 +93,7 @@ class TrainHighConfig:
     decisions: Steps = 4_000_000
     std: Annotated[tuple[float, float], Within(0, 100, above=True)] = (0.5, 0.12)
     kl_anneal: Anneal = (0.1, 0.6, 1.0)
-    hindsight: HindsightConfig = field(default_factory=HindsightConfig)
+    skill_dynamics: SkillDynamicsConfig = field(default_factory=SkillDynamicsConfig)
     critic_warmup: Share = 0.02
     reward_scale: PositiveFactor = 10.0
     fall_penalty: Factor = 2.0

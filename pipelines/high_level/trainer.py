@@ -1,4 +1,4 @@
-"""The high level's training: PPO over latents on the reach task, begun with hindsight."""
+"""The high level's training: PPO over latents, begun with a policy made from what latents do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.pipelines.high_level.config import TrainHighConfig
-from lacoloco.pipelines.high_level.hindsight import clone_hindsight, explore
+from lacoloco.pipelines.high_level.skill_dynamics import (
+    SkillDynamics,
+    fit_dynamics,
+    fit_policy,
+    kept_columns,
+)
+from lacoloco.pipelines.high_level.trials import Trials, try_latents
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.cat import ramp
 from lacoloco.pipelines.learn.latents import latent_usage, project
@@ -105,33 +111,47 @@ class HighTrainer:
         self.algorithm.warm_up(self._random_observations())
 
     def pretrain(self, log: PretrainingLog | None = None) -> dict[str, float]:
-        """Begin with a policy that chooses latents by where they led before, and tell ``log`` the
-        steps; returns the cosine to those latents, ``latent_cosine``.
+        """Begin with a policy that chooses latents by where they are predicted to lead, and tell
+        ``log`` the steps.
 
         Every process has its own worlds, but the first one's policy counts.
+
+        Returns:
+            ``model_error``, of where the end effector is predicted to come to [m];
+            ``predicted_distance`` of it from targets [m]; nothing for a task without a target.
         """
-        task, config = self.env.env.task, self.config.hindsight
-        distances = self.env.env.spec.hindsight
-        if not isinstance(task.command, TargetCommand):
+        config, command = self.config.skill_dynamics, self.env.env.task.command
+        if not isinstance(command, TargetCommand):
             return {}
-        command = task.command
         log = log or PretrainingLog()
-        log.start("trying latents", config.decisions + config.steps)
-        memory = explore(self.env, config, self.generator, log.advance)
+        steps = config.decisions + config.model_steps + config.policy_steps
+        log.start("learning what latents do", config.rounds * steps)
         columns = {row["name"]: slice(*row["slice"]) for row in self.head.layout}
-        agreement = clone_hindsight(
-            self.algorithm.actor,
-            memory,
-            command,
-            columns,
-            distances,
-            config,
-            self.generator,
-            watch=log.advance,
-        )
+        looked_at = kept_columns(self.head.sizes[POLICY], columns)
+        model = SkillDynamics(len(looked_at), self.latent_dim).to(self.env.device)
+        actor, trials, metrics = self.algorithm.actor, None, dict[str, float]()
+        for _ in range(config.rounds):
+            trials = self._more_trials(trials, log)
+            seen = trials.obs[:, looked_at]
+            error = fit_dynamics(model, trials, seen, config, self.generator, log.advance)
+            distance = fit_policy(
+                actor, model, trials, command, columns, config, self.generator, log.advance
+            )
+            metrics = {"model_error": error, "predicted_distance": distance}
         log.stop()
-        parallel.copy_from_first(self.algorithm.actor)
-        return {"latent_cosine": agreement}
+        parallel.copy_from_first(actor)
+        return metrics
+
+    def _more_trials(self, before: Trials | None, log: PretrainingLog) -> Trials:
+        """Those of before, and of another round in which the policy has a share from the second."""
+        policy = None if before is None else self._mean_latent
+        config = self.config.skill_dynamics
+        trials = try_latents(self.env, config, self.generator, policy, log.advance)
+        return trials if before is None else before.joined(trials)
+
+    @torch.no_grad()
+    def _mean_latent(self, obs: torch.Tensor) -> torch.Tensor:
+        return project(self.algorithm.actor(TensorDict({POLICY: obs}, batch_size=[len(obs)])))
 
     @property
     def iterations(self) -> int:
@@ -149,7 +169,9 @@ class HighTrainer:
     def _schedule(self, progress: float) -> Settings:
         """Settings of one iteration; those of the learner are set."""
         config, algorithm = self.config, self.algorithm
-        algorithm.actor_learns = not config.hindsight.decisions or progress >= config.critic_warmup
+        algorithm.actor_learns = (
+            not config.skill_dynamics.rounds or progress >= config.critic_warmup
+        )
         algorithm.desired_kl = config.ppo.desired_kl * annealed(config.kl_anneal, progress)
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)
