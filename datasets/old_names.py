@@ -64,6 +64,8 @@ CONFIG: dict[str, dict[str, New]] = {
         "clean": "noise_free_fraction",
         "second_chances": "restart_probability",
         "rematch_from": "replay_failed_from",
+        # How a training began; the policies that the artifact holds do not depend on it.
+        "hindsight": None,
     },
     "PpoConfig": {
         "entropy": Removed(0.0),
@@ -78,7 +80,6 @@ CONFIG: dict[str, dict[str, New]] = {
         "jump": "resample_probability",
     },
     "AseConfig": {"anchor": "labelled_encoder_weight"},
-    "HindsightConfig": {"farthest": Removed(2.0)},
     "TrackerConfig": {
         "standing_speed": Removed(0.8),
         "standing": "standing_start_fraction",

@@ -31,7 +31,17 @@ LEARNING_RATE = 1e-3
 
 
 class SkillDynamics(torch.nn.Module):
-    """Where the end effector will be, and whether the robot will have fallen, at K ``OFFSETS``."""
+    """Where the end effector will be, and whether the robot will have fallen, at K ``OFFSETS``.
+
+    Attributes:
+        seen_mean, seen_std: (width,) of the observations that it was fitted to.
+        place_mean, place_std: (K, 3) of the positions in the base frame [m].
+    """
+
+    seen_mean: torch.Tensor
+    seen_std: torch.Tensor
+    place_mean: torch.Tensor
+    place_std: torch.Tensor
 
     def __init__(self, width: int, dim: int) -> None:
         """For ``width`` observations that are looked at and latents of ``dim``."""

@@ -92,6 +92,8 @@ def quadruped_numbers(size: Size) -> Numbers:
         "approach": 0.95 * h,
         "sharpness": 3.15 / h,
         "lift": 0.32 * h,
+        # what hops on four strong legs tracks a velocity as well as what walks
+        "vertical_motion_weight": 6.0 / pace**2,
         "joint_speed_weight": 0.0062 * second**2,
         "joint_torque_weight": 0.119 / (size.weight * h) ** 2,
         "radius": 4.75 * h,

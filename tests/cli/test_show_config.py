@@ -125,7 +125,7 @@ BAD = [
     ("train_low", "samples", -5),
     ("train_low", "kl_anneal", (0.0, 0.6, 1.0)),
     ("train_high", "std", (-1.0, 1.0)),
-    ("train_high", "hindsight.hold", (5, 4)),
+    ("train_high", "skill_dynamics.hold", (5, 4)),
     ("generate", "seconds", float("inf")),
     ("evaluate", "episodes", 0),
     ("evaluate", "friction", (0.9, 0.1)),

@@ -9,6 +9,7 @@ import torch
 from lacoloco.pipelines.evaluation.episodes import play_episodes
 from lacoloco.pipelines.high_level.config import CONTACT_FORCE_PENALTY
 from lacoloco.pipelines.high_level.trainer import HighTrainer
+from lacoloco.pipelines.high_level.trials import try_latents
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.policies import Head, Policy
@@ -60,7 +61,7 @@ def test_latents_have_the_dimension_of_the_low_level(solo12):
     trainer = HighTrainer(solo12, low, replace(smoke(), worlds=4), seed=0, device="cpu")
     assert trainer.head.sizes == {"policy": 34 + 3 + 16}
     assert trainer.head.layout[-1]["slice"] == [37, 53]
-    assert -1.0 <= trainer.pretrain()["latent_cosine"] <= 1.0
+    assert trainer.pretrain()["model_error"] > 0.0
     trainer.iterate(0.5)
     both = {"low": low, "high": trainer.policy()}
     assert play_episodes(solo12, both, 2, worlds=2, seed=0, task=task).error.shape == (2,)
@@ -189,18 +190,33 @@ def test_time_outs_fall_on_the_end_of_a_decision(make_trainer):
 
 
 def test_the_actor_waits_for_its_critic(make_trainer):
-    """What hindsight taught must not be undone by the first advantages of a critic that knows
+    """What pretraining taught must not be undone by the first advantages of a critic that knows
     nothing.
     """
     trainer = make_trainer()
     begin = [parameter.clone() for parameter in trainer.algorithm.actor.mlp.parameters()]
-    assert -1.0 <= trainer.pretrain()["latent_cosine"] <= 1.0
+    assert trainer.pretrain()["predicted_distance"] > 0.0
     taught = [parameter.clone() for parameter in trainer.algorithm.actor.mlp.parameters()]
     assert not all(map(torch.equal, begin, taught))
     trainer.iterate(0.0)
     assert all(map(torch.equal, taught, trainer.algorithm.actor.mlp.parameters()))
     trainer.iterate(0.5)
     assert not all(map(torch.equal, taught, trainer.algorithm.actor.mlp.parameters()))
+
+
+def test_from_the_second_round_on_the_policy_steers_half_of_the_time(make_trainer):
+    env = make_trainer().env
+    mine = torch.nn.functional.normalize(torch.ones(7), dim=0)
+    config, held = replace(smoke().skill_dynamics, decisions=24, hold=(3, 4)), []
+
+    def policy(obs):
+        held.append((env.latent == mine).all(dim=-1))
+        return mine.expand(len(obs), -1)
+
+    trials = try_latents(env, config, torch.Generator().manual_seed(0), policy)
+    assert 0.3 < torch.stack(held).float().mean() < 0.7
+    assert len(trials.obs) > 0
+    assert not (trials.latent == mine).all(dim=-1).any()
 
 
 def test_some_worlds_see_without_noise(make_trainer):

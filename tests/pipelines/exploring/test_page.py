@@ -77,7 +77,9 @@ def test_keys_sliders_and_the_map_reach_the_robot(browser, live, make_world):
 
 
 @pytest.mark.slow
-def test_a_target_is_dragged_and_the_high_level_switched_off(browser, live, make_world):
+def test_a_target_is_dragged_and_the_high_level_switched_off(
+    browser, live, make_world, monkeypatch
+):
     from lacoloco.pipelines.exploring.target_handle import ARROWS, TargetHandle
     from lacoloco.pipelines.viewing.extent import standing_extent
 
@@ -89,11 +91,12 @@ def test_a_target_is_dragged_and_the_high_level_switched_off(browser, live, make
         page.get_by_text("high level steers").wait_for()
         page.get_by_role("checkbox").first.uncheck()
         until(lambda: not world.high_steers)
-        shown.ask(world.reset)  # the world's middle is before the camera again
+        # A browser may take seconds for a drag; meanwhile a robot that walks leaves its view.
+        monkeypatch.setattr(world, "step", lambda: None)
+        shown.ask(world.reset)
         until(lambda: np.linalg.norm(world.qpos[:2]) < 0.05)
         length = ARROWS * standing_extent(world.spec).size
         arrow = world.target - [*world.qpos[:2], 0.0] + [0.0, 0.0, 0.9 * length]
         drag(page, pixel(shown, arrow), pixel(shown, arrow + [0.0, 0.0, 0.15]))
         until(lambda: world.target[2] > 0.28)
-        # it stays under the pointer, while the robot may walk on and the world passes by
-        assert world.target[:2] == pytest.approx([0.3, 0.0], abs=0.15)
+        assert world.target[:2] == pytest.approx([0.3, 0.0], abs=0.05)
