@@ -100,6 +100,8 @@ class HighTrainer:
             device,
             critic_only(env, config.observation),
         )
+        # What a pretrained policy does would change with its statistics before it has learnt.
+        self.algorithm.keeps_normalizer = config.skill_dynamics.rounds > 0
         self.head = Head(
             "high", sizes, self.latent_dim, config.networks, layout(self.env.terms), task.name
         )
@@ -132,6 +134,9 @@ class HighTrainer:
         actor, trials, metrics = self.algorithm.actor, None, dict[str, float]()
         for _ in range(config.rounds):
             trials = self._more_trials(trials, log)
+            actor.update_normalization(
+                TensorDict({POLICY: trials.obs}, batch_size=[len(trials.obs)])
+            )
             seen = trials.obs[:, looked_at]
             error = fit_dynamics(model, trials, seen, config, self.generator, log.advance)
             distance = fit_policy(

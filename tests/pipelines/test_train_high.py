@@ -204,6 +204,17 @@ def test_the_actor_waits_for_its_critic(make_trainer):
     assert not all(map(torch.equal, taught, trainer.algorithm.actor.mlp.parameters()))
 
 
+def test_a_pretrained_policy_keeps_its_statistics(make_trainer):
+    trainer = make_trainer()
+    normalizer = trainer.algorithm.actor.obs_normalizer
+    before = normalizer.mean.clone()
+    trainer.pretrain()
+    taught = normalizer.mean.clone()
+    assert not torch.equal(before, taught), "those of what latents were tried on"
+    trainer.iterate(0.5)
+    assert torch.equal(taught, normalizer.mean)
+
+
 def test_from_the_second_round_on_the_policy_steers_half_of_the_time(make_trainer):
     env = make_trainer().env
     mine = torch.nn.functional.normalize(torch.ones(7), dim=0)
