@@ -13,7 +13,6 @@ from lacoloco.robots.errors import RobotError
 from lacoloco.robots.joint_rows import Rows, joint_rows
 from lacoloco.robots.numbers import (
     Gait,
-    HindsightDistances,
     InverseDynamics,
     ObservationNoise,
     OdometryDrift,
@@ -132,7 +131,6 @@ class RobotFile:
     contacts: ContactSection
     skills: SkillThresholds
     tracking: TrackingTolerances
-    hindsight: HindsightDistances
     inverse_dynamics: InverseDynamics
     terminations: Terminations
     tasks: Mapping[str, Any]
@@ -141,6 +139,7 @@ class RobotFile:
     observation_noise: ObservationNoise = field(default_factory=ObservationNoise)
     odometry: OdometryDrift = field(default_factory=OdometryDrift)
     gait: Gait | None = None
+    hindsight: Mapping[str, float] = field(default_factory=dict)  # of before; nothing reads it
     retargeting: RetargetingSection = field(default_factory=RetargetingSection)
 
 
@@ -253,7 +252,6 @@ def _spec(
         odometry=file.odometry,
         skills=file.skills,
         tracking=file.tracking,
-        hindsight=file.hindsight,
         inverse_dynamics=file.inverse_dynamics,
         terminations=file.terminations,
         gait=file.gait,

@@ -93,20 +93,6 @@ class TrackingTolerances:
 
 
 @dataclass(frozen=True)
-class HindsightDistances:
-    """``[hindsight]``: which targets a latent has served.
-
-    Attributes:
-        stride: Metres over ground from which a latent counts as one that goes somewhere.
-        farthest: A latent that walks serves targets at least up to so far in its direction, and up
-            to the task's farthest, m.
-    """
-
-    stride: Length
-    farthest: Length
-
-
-@dataclass(frozen=True)
 class InverseDynamics:
     """``[inverse_dynamics]``: how joint targets are found that lead from one state to the next.
 

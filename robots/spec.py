@@ -13,7 +13,6 @@ import numpy as np
 from lacoloco.robots import mjcf
 from lacoloco.robots.numbers import (
     Gait,
-    HindsightDistances,
     InverseDynamics,
     ObservationNoise,
     OdometryDrift,
@@ -78,7 +77,6 @@ class RobotSpec:
         odometry: Errors of the odometry of a policy without motion capture.
         skills: What counts as a skill, and how near to a target is there.
         tracking: What a tracker may be off by.
-        hindsight: Which targets a latent has served.
         inverse_dynamics: How actions of clips are found.
         terminations: What ends an episode in training besides a fall.
         gait: How it walks, if it walks on two legs by a clock.
@@ -112,7 +110,6 @@ class RobotSpec:
     odometry: OdometryDrift
     skills: SkillThresholds
     tracking: TrackingTolerances
-    hindsight: HindsightDistances
     inverse_dynamics: InverseDynamics
     terminations: Terminations
     gait: Gait | None = None
