@@ -50,7 +50,7 @@ def smoke() -> TrainHighConfig:
         worlds=16,
         decisions=16 * 4 * 2,
         skill_dynamics=SkillDynamicsConfig(
-            rounds=1, decisions=4, hold=(3, 4), model_steps=4, policy_steps=4, batch=64
+            rounds=1, decisions=6, hold=(4, 5), model_steps=4, policy_steps=4, batch=64
         ),
         ppo=PpoConfig(horizon=4, epochs=1, minibatches=2),
         networks=NetworkConfig(actor=(32,), critic=(32,)),
@@ -129,7 +129,8 @@ def run(
     warnings = partial(high_level_warnings, walk_speed=spec.skills.walk_speed if moves else 0.0)
     stage = TrainStage("train-high", method, config, context, asked, LOG_KEYS, warnings)
     pretraining = "trying latents, and making a first policy from what they do"
-    return stage.run(make_trainer, save, pretraining if mine.skill_dynamics.rounds else None)
+    begun = mine.skill_dynamics.rounds > 0 and rules.has_target
+    return stage.run(make_trainer, save, pretraining if begun else None)
 
 
 def work(

@@ -34,7 +34,7 @@ class SkillDynamicsConfig:
         rounds: How often latents are tried. From the second on the policy of before steers half of
             the time, so that they are tried where it brings the robot. 0 starts from a random
             network.
-        decisions: Decisions per world in a round.
+        decisions: Decisions per world in a round. The first answer of a latent comes after three.
         hold: Fewest and most decisions for which a latent is held.
         model_steps: Gradient steps of what predicts, in a round.
         policy_steps: Gradient steps of the policy, in a round.
@@ -42,8 +42,8 @@ class SkillDynamicsConfig:
     """
 
     rounds: Annotated[int, Within(0, 1000)] = 2
-    decisions: Annotated[int, Within(1, 100_000)] = 100
-    hold: Annotated[tuple[int, int], Within(1, 100_000), Rising()] = (5, 25)
+    decisions: Annotated[int, Within(4, 100_000)] = 100
+    hold: Annotated[tuple[int, int], Within(4, 100_000), Rising()] = (5, 25)
     model_steps: Annotated[int, Within(1, 10**7)] = 2000
     policy_steps: Annotated[int, Within(1, 10**7)] = 1500
     batch: Annotated[int, Within(1, 2**20)] = 2048

@@ -162,16 +162,21 @@ def targets(
     columns: dict[str, slice],
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """(n, 3) targets in the base frame [m]: every other row keeps its own; the others get one as
+    """(n, 3) targets in the base frame [m]: every other one is the row's own; the others are as
     far ahead and to the side as some latent brought the end effector, at a height of the task's.
     """
     own = trials.obs[rows, columns["target"]]
-    ahead = trials.ahead(_answered(trials, len(rows), generator))
+    known = torch.nonzero(trials.standing[:, 0]).flatten()
+    if not len(known):  # all of them fell at once
+        return own
+    ahead = trials.ahead(known[_draw(len(known), len(rows), generator)])
     height = uniform((command.z,), len(rows), generator) - trials.root_pos[rows, 2:]
     quat = trials.root_quat[rows]
     world = rotate(from_yaw(yaw(quat)), torch.cat((ahead, height), dim=-1))
     near: torch.Tensor = rotate_inverse(quat, world)
-    return torch.where((rows % 2 == 0)[:, None], own, near)
+    # By their place in the batch: rows of even numbers may all be of worlds without noise.
+    place = torch.arange(len(rows), device=rows.device)
+    return torch.where((place % 2 == 0)[:, None], own, near)
 
 
 def kept_columns(width: int, columns: dict[str, slice]) -> torch.Tensor:
@@ -182,11 +187,6 @@ def kept_columns(width: int, columns: dict[str, slice]) -> torch.Tensor:
     keep[columns["target"]] = False
     keep[columns["last_latent"]] = False
     return torch.nonzero(keep).flatten()
-
-
-def _answered(trials: Trials, count: int, generator: torch.Generator) -> torch.Tensor:
-    known = torch.nonzero(trials.standing[:, 0]).flatten()
-    return known[_draw(len(known), count, generator)]
 
 
 def _draw(size: int, count: int, generator: torch.Generator) -> torch.Tensor:

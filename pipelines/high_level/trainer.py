@@ -101,7 +101,8 @@ class HighTrainer:
             critic_only(env, config.observation),
         )
         # What a pretrained policy does would change with its statistics before it has learnt.
-        self.algorithm.keeps_normalizer = config.skill_dynamics.rounds > 0
+        self.pretrains = config.skill_dynamics.rounds > 0 and isinstance(command, TargetCommand)
+        self.algorithm.keeps_normalizer = self.pretrains
         self.head = Head(
             "high", sizes, self.latent_dim, config.networks, layout(self.env.terms), task.name
         )
@@ -174,9 +175,7 @@ class HighTrainer:
     def _schedule(self, progress: float) -> Settings:
         """Settings of one iteration; those of the learner are set."""
         config, algorithm = self.config, self.algorithm
-        algorithm.actor_learns = (
-            not config.skill_dynamics.rounds or progress >= config.critic_warmup
-        )
+        algorithm.actor_learns = not self.pretrains or progress >= config.critic_warmup
         algorithm.desired_kl = config.ppo.desired_kl * annealed(config.kl_anneal, progress)
         std = geometric(config.std, progress)
         set_std(algorithm.actor, std)

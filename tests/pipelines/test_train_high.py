@@ -218,7 +218,7 @@ def test_a_pretrained_policy_keeps_its_statistics(make_trainer):
 def test_from_the_second_round_on_the_policy_steers_half_of_the_time(make_trainer):
     env = make_trainer().env
     mine = torch.nn.functional.normalize(torch.ones(7), dim=0)
-    config, held = replace(smoke().skill_dynamics, decisions=24, hold=(3, 4)), []
+    config, held = replace(smoke().skill_dynamics, decisions=24, hold=(4, 5)), []
 
     def policy(obs):
         held.append((env.latent == mine).all(dim=-1))

@@ -1,5 +1,7 @@
 """What latents are predicted to do, and a policy that is made from it."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -89,9 +91,9 @@ def test_the_policy_goes_to_its_target_and_does_not_fall(falls):
 
 
 def test_every_other_target_is_near_and_as_high_as_the_tasks():
-    trials, rows = make_trials(), torch.arange(1000)
+    trials, rows = make_trials(), torch.arange(1000).flip(0)
     drawn = targets(trials, rows, COMMAND, COLUMNS, generator())
-    assert torch.equal(drawn[::2], trials.obs[:1000:2, COLUMNS["target"]])
+    assert torch.equal(drawn[::2], trials.obs[rows[::2], COLUMNS["target"]])
     near = drawn[1::2]
     height = near[:, 2] + HEIGHT
     assert float(height.min()) >= 0.2
@@ -99,3 +101,11 @@ def test_every_other_target_is_near_and_as_high_as_the_tasks():
     farthest = 0.2 + OFFSETS[-1] * SPEED
     assert float(near[:, :2].norm(dim=1).max()) <= farthest + 1e-4
     assert float(near[:, 1].std()) > 0.1
+
+
+def test_where_all_fell_at_once_targets_are_their_own():
+    trials = make_trials()
+    fell = torch.ones_like(trials.fell)
+    fallen = replace(trials, standing=~fell, fell=fell)
+    drawn = targets(fallen, torch.arange(10), COMMAND, COLUMNS, generator())
+    assert torch.equal(drawn, trials.obs[:10, COLUMNS["target"]])
