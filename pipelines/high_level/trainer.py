@@ -9,12 +9,7 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.pipelines.high_level.config import TrainHighConfig
-from lacoloco.pipelines.high_level.skill_dynamics import (
-    SkillDynamics,
-    fit_dynamics,
-    fit_policy,
-    kept_columns,
-)
+from lacoloco.pipelines.high_level.skill_dynamics import SkillDynamics, fit_dynamics, fit_policy
 from lacoloco.pipelines.high_level.trials import Trials, try_latents
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.cat import ramp
@@ -130,16 +125,14 @@ class HighTrainer:
         steps = config.decisions + config.model_steps + config.policy_steps
         log.start("learning what latents do", config.rounds * steps)
         columns = {row["name"]: slice(*row["slice"]) for row in self.head.layout}
-        looked_at = kept_columns(self.head.sizes[POLICY], columns)
-        model = SkillDynamics(len(looked_at), self.latent_dim).to(self.env.device)
+        model = SkillDynamics(self.head.sizes[POLICY], self.latent_dim, columns).to(self.env.device)
         actor, trials, metrics = self.algorithm.actor, None, dict[str, float]()
         for _ in range(config.rounds):
             trials = self._more_trials(trials, log)
             actor.update_normalization(
                 TensorDict({POLICY: trials.obs}, batch_size=[len(trials.obs)])
             )
-            seen = trials.obs[:, looked_at]
-            error = fit_dynamics(model, trials, seen, config, self.generator, log.advance)
+            error = fit_dynamics(model, trials, config, self.generator, log.advance)
             distance = fit_policy(
                 actor, model, trials, command, columns, config, self.generator, log.advance
             )

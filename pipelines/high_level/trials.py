@@ -138,7 +138,7 @@ def _held_until(ends: torch.Tensor) -> torch.Tensor:
     last of all.
     """
     last = len(ends) - 1
-    until = torch.full(ends.shape, last, device=ends.device)
+    held = torch.full(ends.shape, last, device=ends.device)
     for step in range(last - 1, -1, -1):
-        until[step] = torch.where(ends[step], step, until[step + 1])
-    return until
+        held[step] = torch.where(ends[step], step, held[step + 1])
+    return held

@@ -215,6 +215,17 @@ def test_a_pretrained_policy_keeps_its_statistics(make_trainer):
     assert torch.equal(taught, normalizer.mean)
 
 
+def test_statistics_follow_where_no_pretraining_made_them(solo12, low):
+    """A task without a target begins with a random network."""
+    task = load_task(solo12, "walk")
+    config = replace(smoke(), ppo=PpoConfig(horizon=3, epochs=1, minibatches=1))
+    trainer = HighTrainer(solo12, low, config, seed=0, device="cpu", task=task)
+    mean = trainer.algorithm.actor.obs_normalizer.mean.clone()
+    assert trainer.pretrain() == {}
+    trainer.iterate(0.5)
+    assert not torch.equal(mean, trainer.algorithm.actor.obs_normalizer.mean)
+
+
 def test_from_the_second_round_on_the_policy_steers_half_of_the_time(make_trainer):
     env = make_trainer().env
     mine = torch.nn.functional.normalize(torch.ones(7), dim=0)

@@ -12,7 +12,6 @@ from lacoloco.pipelines.high_level.skill_dynamics import (
     SkillDynamics,
     fit_dynamics,
     fit_policy,
-    kept_columns,
     targets,
 )
 from lacoloco.pipelines.high_level.trials import OFFSETS, Trials
@@ -45,21 +44,19 @@ def make_trials(count=4000, falls=False):
 
 
 def fitted(trials):
-    looked_at = kept_columns(9, COLUMNS)
-    model = SkillDynamics(len(looked_at), 4)
-    error = fit_dynamics(model, trials, trials.obs[:, looked_at], CONFIG, generator())
-    return model, error
+    model = SkillDynamics(9, 4, COLUMNS)
+    return model, fit_dynamics(model, trials, CONFIG, generator())
 
 
 def test_only_the_robot_is_looked_at():
-    assert kept_columns(9, COLUMNS).tolist() == [0, 1]
+    assert SkillDynamics(9, 4, COLUMNS).looked_at.tolist() == [0, 1]
 
 
 def test_it_learns_where_latents_lead():
     trials = make_trials()
     model, error = fitted(trials)
     assert error < 0.1 * float(trials.reached.flatten(0, 1).std(dim=0).norm())
-    places, logits = model(trials.obs[:, :2], trials.latent)
+    places, logits = model(trials.obs, trials.latent)
     assert places.shape == trials.reached.shape
     assert (logits.sigmoid() < 0.1).all(), "nobody fell"
 
@@ -67,7 +64,7 @@ def test_it_learns_where_latents_lead():
 def test_it_learns_which_latents_fall():
     trials = make_trials(falls=True)
     model, _ = fitted(trials)
-    told = model(trials.obs[:, :2], trials.latent)[1] > 0.0
+    told = model(trials.obs, trials.latent)[1] > 0.0
     assert (told == trials.fell).float().mean() > 0.95
 
 
