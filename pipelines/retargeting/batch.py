@@ -13,7 +13,7 @@ from pathlib import Path
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.retargeting.config import RetargetConfig
-from lacoloco.pipelines.retargeting.worker import Task, Worker
+from lacoloco.pipelines.retargeting.worker import Program, Task, Worker
 from lacoloco.pipelines.stage import Progress
 
 Told = Callable[[int], None]
@@ -65,7 +65,7 @@ def retarget_all(
         yield from _in_turn(worker, tasks, folder, progress)
         return
     # Forks of a process that holds threads of torch or BLAS may hang.
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin, (config, robot))
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin, (config, robot, worker.program))
     try:
         progress.start(f"retarget ({count} processes)", len(tasks))
         running: dict[Future[list[str]], Task] = {
@@ -108,11 +108,11 @@ def _in_turn(
         yield task, outcome
 
 
-def _begin(config: RetargetConfig, robot: str) -> None:
+def _begin(config: RetargetConfig, robot: str, program: Program) -> None:
     """Start a process of the pool; Ctrl-C ends it at once and without a word."""
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    _worker = Worker(config, robot)
+    _worker = Worker(config, robot, program)
 
 
 def _work(task: Task, folder: Path) -> list[str]:

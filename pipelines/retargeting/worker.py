@@ -36,6 +36,9 @@ SAMPLE_LICENCE = "CC0-1.0"
 MOST_UNSOLVED = 0.05
 """Share of the frames without a solution from which a clip is a failure."""
 
+Program = tuple[str, str]
+"""Version and commit of lacoloco."""
+
 
 @dataclass(frozen=True)
 class Task:
@@ -49,10 +52,20 @@ class Task:
 
 
 class Worker:
-    """Turns files into clips, one after another; derives each robot's programs once."""
+    """Turns files into clips, one after another; derives each robot's programs once.
 
-    def __init__(self, config: RetargetConfig, robot: str) -> None:
+    Attributes:
+        program: Which lacoloco makes the clips.
+    """
+
+    def __init__(self, config: RetargetConfig, robot: str, program: Program | None = None) -> None:
         """Read the maps.
+
+        Args:
+            config: How to retarget.
+            robot: Its name.
+            program: That of the process that collects the clips, where it is another one: somebody
+                may commit between the start of the two.
 
         Raises:
             RobotError: Unknown robot.
@@ -60,6 +73,7 @@ class Worker:
         """
         self._config, self._spec, self._maps = config, load_robot(robot), config.maps()
         self._retargeters: dict[str, Retargeter] = {}
+        self.program: Program = program or (lacoloco_version(), git_commit())
 
     def key(self, task: Task) -> str:
         """What a clip depends on, as 64 hexadecimal digits: equal keys, equal clips.
@@ -81,7 +95,7 @@ class Worker:
             "config": asdict(self._config.key()),
             "maps": [asdict(skeleton) for skeleton in self._maps],
             "robot": record_of(self._spec).digest,
-            "program": (lacoloco_version(), git_commit()),
+            "program": self.program,
         }
         return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()
 

@@ -209,11 +209,15 @@ def test_each_clip_has_its_picture(context, short_dog):
 
 
 @pytest.mark.slow
-def test_several_processes_make_the_same_and_report_what_is_bad(context, short_dog, tmp_path):
+def test_several_processes_make_the_same_and_report_what_is_bad(
+    context, short_dog, tmp_path, monkeypatch
+):
     bad = tmp_path / "bad.bvh"
     bad.write_text("HIERARCHY")
     files = [short_dog(), bad, short_dog(slice(100, 160), "b.bvh")]
     alone = retarget_run(QUICK, context, sources=files, jobs=1)
+    # The other processes look after somebody has committed.
+    monkeypatch.setattr("lacoloco.pipelines.retargeting.worker.git_commit", lambda: "before")
     spread = retarget_run(QUICK, replace(context, run="spread"), sources=files, jobs=2)
     assert [clip.name for clip in load_clips(spread.artifact)] == ["short", "b"]
     assert spread.metrics["skipped"] == alone.metrics["skipped"]
