@@ -36,6 +36,10 @@ class SkillDynamicsConfig:
             network.
         decisions: Decisions per world in a round. The first answer of a latent comes after three.
         hold: Fewest and most decisions for which a latent is held.
+        near_share: Share of the latents that lie around the policy's own, from the second round on.
+            Where one of a thousand latents is right, uniform ones hardly say which.
+        near_spread: Largest standard deviation of the noise between those and the policy's own, see
+            :func:`~lacoloco.pipelines.learn.latents.scatter`.
         model_steps: Gradient steps of what predicts, in a round.
         policy_steps: Gradient steps of the policy, in a round.
         batch: Decisions per gradient step.
@@ -44,6 +48,8 @@ class SkillDynamicsConfig:
     rounds: Annotated[int, Within(0, 1000)] = 2
     decisions: Annotated[int, Within(4, 100_000)] = 100
     hold: Annotated[tuple[int, int], Within(4, 100_000), Rising()] = (5, 25)
+    near_share: Share = 0.7
+    near_spread: Annotated[float, Within(0, 10)] = 0.25
     model_steps: Annotated[int, Within(1, 10**7)] = 2000
     policy_steps: Annotated[int, Within(1, 10**7)] = 1500
     batch: Annotated[int, Within(1, 2**20)] = 2048

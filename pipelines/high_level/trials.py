@@ -9,7 +9,7 @@ import torch
 
 from lacoloco.datasets.rotations import from_yaw, rotate, rotate_inverse, yaw
 from lacoloco.pipelines.high_level.config import SkillDynamicsConfig
-from lacoloco.pipelines.learn.latents import sample_latents
+from lacoloco.pipelines.learn.latents import project, sample_latents, scatter
 from lacoloco.pipelines.masking import put, select
 from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
 
@@ -64,14 +64,14 @@ def try_latents(
     policy: Callable[[torch.Tensor], torch.Tensor] | None = None,
     watch: Callable[[int], None] | None = None,
 ) -> Trials:
-    """Hold random latents, and remember what came of them.
+    """Hold latents that are drawn at random, and remember what came of them.
 
     Args:
         env: The worlds.
         config: How many decisions, and for how long a latent is held.
         generator: Source of randomness.
         policy: Observations (N, H) to unit latents (N, d). With it, half of the time it steers, so
-            that latents are tried where it brings the robot.
+            that latents are tried where it brings the robot, and some are drawn near its own.
         watch: ``watch(1)`` is told every decision.
     """
     worlds, dim = env.latent.shape
@@ -91,7 +91,8 @@ def try_latents(
         env.reset(decision.done)
         changing = select(ends)
         z, left, tried = z.clone(), left.clone(), tried.clone()
-        put(z, changing, sample_latents(len(changing), dim, generator))
+        near = None if policy is None else policy(env.observe())[changing]
+        put(z, changing, _drawn(len(changing), dim, near, config, generator))
         put(left, changing, _holds(len(changing), config, generator))
         if policy is not None:
             put(tried, changing, ~tried[changing])
@@ -125,6 +126,24 @@ def summarised(series: dict[str, torch.Tensor]) -> Trials:
     seen = (series[name] for name in ("obs", "latent", "root_pos", "root_quat"))
     what_came = (torch.stack(reached, dim=2), *known)
     return Trials(*(values[keep] for values in (*seen, *what_came)))
+
+
+def _drawn(
+    count: int,
+    dim: int,
+    near: torch.Tensor | None,
+    config: SkillDynamicsConfig,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """(n, d) unit latents, uniform on the sphere but for a share that lies around the policy's
+    ``near`` (n, d).
+    """
+    latents = sample_latents(count, dim, generator)
+    if near is None:
+        return latents
+    around = project(near + scatter(count, dim, config.near_spread, generator))
+    lot = torch.rand(count, 1, generator=generator, device=generator.device)
+    return torch.where(lot < config.near_share, around, latents)
 
 
 def _holds(count: int, config: SkillDynamicsConfig, generator: torch.Generator) -> torch.Tensor:

@@ -241,6 +241,17 @@ def test_from_the_second_round_on_the_policy_steers_half_of_the_time(make_traine
     assert not (trials.latent == mine).all(dim=-1).any()
 
 
+@pytest.mark.parametrize(("share", "least", "most"), [(0.0, 0.0, 0.25), (1.0, 0.9, 1.0)])
+def test_latents_are_tried_around_those_of_the_policy(make_trainer, share, least, most):
+    mine = torch.nn.functional.normalize(torch.ones(7), dim=0)
+    config = replace(smoke().skill_dynamics, decisions=40, hold=(4, 5), near_share=share)
+    generator = torch.Generator().manual_seed(0)
+    trials = try_latents(make_trainer().env, config, generator, lambda obs: mine.expand(16, -1))
+    # The first latents of all are drawn before the policy is asked.
+    close = (trials.latent @ mine)[len(trials.obs) // 2 :] > 0.7
+    assert least <= close.float().mean() <= most
+
+
 def test_some_worlds_see_without_noise(make_trainer):
     env = make_trainer(noise_free_fraction=0.25).env.env
     clean = (env.noise == 0.0).squeeze(-1)
