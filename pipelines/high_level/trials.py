@@ -79,9 +79,18 @@ def try_latents(
     rows: dict[str, list[torch.Tensor]] = {name: [] for name in names}
     tried = torch.ones(worlds, dtype=torch.bool, device=env.device)
     z, left = sample_latents(worlds, dim, generator), _holds(worlds, config, generator)
+    ends = torch.zeros_like(tried)
     for _ in range(config.decisions):
         state, obs = env.env.state, env.observe()
-        chosen = z if policy is None else torch.where(tried[:, None], z, policy(obs))
+        own = None if policy is None else policy(obs)
+        changing = select(ends)
+        z, left, tried = z.clone(), left.clone(), tried.clone()
+        near = None if own is None else own[changing]
+        put(z, changing, _drawn(len(changing), dim, near, config, generator))
+        put(left, changing, _holds(len(changing), config, generator))
+        if own is not None:
+            put(tried, changing, ~tried[changing])
+        chosen = z if own is None else torch.where(tried[:, None], z, own)
         now = (obs, chosen, env.env.end_effector(), state.root_pos, state.root_quat)
         decision = env.step(chosen)
         left = left - 1
@@ -89,13 +98,6 @@ def try_latents(
         for name, value in zip(names, (*now, ends, decision.fell, tried), strict=True):
             rows[name].append(value)
         env.reset(decision.done)
-        changing = select(ends)
-        z, left, tried = z.clone(), left.clone(), tried.clone()
-        near = None if policy is None else policy(env.observe())[changing]
-        put(z, changing, _drawn(len(changing), dim, near, config, generator))
-        put(left, changing, _holds(len(changing), config, generator))
-        if policy is not None:
-            put(tried, changing, ~tried[changing])
         if watch is not None:
             watch(1)
     return summarised({name: torch.stack(values) for name, values in rows.items()})
