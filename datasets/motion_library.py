@@ -82,11 +82,12 @@ class MotionLibrary:
         table = table_of(clips)
         self.names = tuple(row["name"] for row in table)
         self.device = torch.device(device)
-        self._skills = [row["skill"] for row in table]
+        self.skills = tuple(row["skill"] for row in table)
+        """The skill of each clip."""
         self._weights = np.array([row["weight"] for row in table])
         fps = np.array([row["fps"] for row in table])
         self._durations = (np.diff(flat.offsets) - 1) / fps
-        self._weighting, self._shares = weighting, _skill_shares(self._skills, skill_shares)
+        self._weighting, self._shares = weighting, _skill_shares(self.skills, skill_shares)
         self._parts = Emphasis(
             np.arange(len(clips)), np.zeros(len(clips)), self._durations, np.ones(len(clips))
         )
@@ -155,7 +156,7 @@ class MotionLibrary:
 
     def clips_of(self, skill: str) -> torch.Tensor:
         """(n,) int64 numbers of the clips that show a skill."""
-        shown = [index for index, name in enumerate(self._skills) if name == skill]
+        shown = [index for index, name in enumerate(self.skills) if name == skill]
         return torch.tensor(shown, dtype=torch.long, device=self.device)
 
     def emphasised(self, parts: Emphasis) -> MotionLibrary:
@@ -287,7 +288,7 @@ class MotionLibrary:
     def _balance_skills(self, shares: np.ndarray) -> np.ndarray:
         result = np.zeros_like(shares)
         for skill, share in self._shares.items():
-            members = np.array([name == skill for name in self._skills])
+            members = np.array([name == skill for name in self.skills])
             total = shares[members].sum()
             if total > 0:
                 result[members] = share * shares[members] / total

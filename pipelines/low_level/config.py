@@ -71,8 +71,8 @@ class TrainLowConfig:
         skill_shares: Pairs of a skill's name and its share of demonstrations and of resets into
             clips. Empty: by duration.
         cell_balance: How evenly demonstrations, cloned windows and resets are drawn over the cells
-            of velocity and end-effector height that the clips show: 0 as often as the clips show
-            them, 1 all cells alike.
+            of velocity and end-effector height that the clips of a skill show: 0 as often as they
+            show them, 1 all cells alike. Each skill is drawn as often as without.
         coverage_every: Control steps between two measurements of the skill coverage. 0: only at the
             end.
         coverage_latents: Latents held in each measurement.

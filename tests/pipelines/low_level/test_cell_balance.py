@@ -21,10 +21,15 @@ def mostly_standing(solo12, make_clips):
     default = np.tile(solo12.default_joint_pos, (frames, 1))
     position = np.tile([0.0, 0.0, solo12.default_height()], (frames, 1))
     turned = np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1))
-    stands = Clip.from_poses(
-        "stands", 50.0, solo12.joint_names, position, turned, default, skill="stand"
-    )
-    return MotionLibrary([make_clips(solo12, frames=26)[0], stands])
+    trots = make_clips(solo12, frames=26)[0]
+
+    def library(skill=trots.skill):
+        stands = Clip.from_poses(
+            "stands", 50.0, solo12.joint_names, position, turned, default, skill=skill
+        )
+        return MotionLibrary([trots, stands])
+
+    return library
 
 
 @pytest.mark.parametrize(("balance", "share"), [(1.0, 0.5), (0.5, 0.25)])
@@ -32,6 +37,7 @@ def test_what_is_seldom_shown_is_drawn_more_often(solo12, mostly_standing, balan
     """A tenth of the moments trot: all cells alike is a half, and sqrt(0.1) to sqrt(0.9) a
     quarter.
     """
+    mostly_standing = mostly_standing()
     generator = torch.Generator().manual_seed(0)
     before = mostly_standing.sample(4000, generator)[0]
     assert float((before == 0).float().mean()) == pytest.approx(0.1, abs=0.02)
@@ -44,13 +50,19 @@ def test_what_is_seldom_shown_is_drawn_more_often(solo12, mostly_standing, balan
     assert float((again == 0).float().mean()) == pytest.approx(share, abs=0.03)
 
 
+def test_skills_are_drawn_as_often_as_before(solo12, mostly_standing):
+    """What stands is a skill of its own, and has nine tenths of the moments."""
+    library = balanced(solo12, mostly_standing("stand"), 1.0)
+    assert float(library.shares()[0]) == pytest.approx(0.1, abs=0.02)
+
+
 def test_without_it_the_library_is_the_one_that_was_given(solo12, motions):
     assert balanced(solo12, motions, 0.0) is motions
 
 
 def test_the_motion_of_a_window_by_hand(solo12, mostly_standing):
     """0.4 m/s ahead, 0.5 rad/s to the left, and no window looks into the next clip."""
-    motion = window_motion(solo12, clip_states(mostly_standing))
+    motion = window_motion(solo12, clip_states(mostly_standing()))
     assert motion.shape == (252, 4)
     torch.testing.assert_close(
         motion[:20, :3], torch.tensor([0.4, 0.0, 0.5]).expand(20, 3), atol=0.01, rtol=0.0
@@ -59,6 +71,7 @@ def test_the_motion_of_a_window_by_hand(solo12, mostly_standing):
 
 
 def test_demonstrations_and_resets_are_balanced_and_coverage_is_not(solo12, mostly_standing):
+    mostly_standing = mostly_standing()
     config = replace(smoke(), worlds=2, cell_balance=1.0)
     trainer = LowTrainer(solo12, mostly_standing, config, seed=0, device="cpu")
     assert trainer.env.motions is trainer.motions
