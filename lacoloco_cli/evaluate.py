@@ -15,6 +15,7 @@ from lacoloco_cli import console
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import AT_ONCE, Seeds
 from lacoloco_cli.policy_choice import missing, train_missing, trained
+from lacoloco_cli.report_table import first_heading, row_name
 from lacoloco_cli.session import Session, path_text, verb
 from lacoloco_cli.written_files import PICTURES, check_ending, check_output
 
@@ -179,17 +180,19 @@ def show(answer: Mapping[str, Any]) -> None:
 
     rows = answer["rows"]
     columns = REWARD_COLUMNS if "task_reward" in rows[0] else COLUMNS
-    console.print_table(list(columns.values()), [[row[key] for key in columns] for row in rows])
+    named = [{**row, "method": row_name(row)} for row in rows]
+    headings = [first_heading(rows), *list(columns.values())[1:]]
+    console.print_table(headings, [[row[key] for key in columns] for row in named])
     if columns is COLUMNS:
         show_intervals(rows)
     for row in rows:
         if row.get("diverged"):
             console.note(
-                f"WARNING: {row['method']} seed {row['seed']}: {row['diverged']} worlds diverged;"
+                f"WARNING: {row_name(row)} seed {row['seed']}: {row['diverged']} worlds diverged;"
                 " they count as falls, and errors are those of the others"
             )
     for row in rows if columns is COLUMNS else ():
-        who = f"{row['method']} seed {row['seed']}"
+        who = f"{row_name(row)} seed {row['seed']}"
         if row["not_reached"]:
             typer.echo(
                 f"{who}, not reached: {row['no_progress']} of {row['not_reached']} make no progress"
@@ -212,7 +215,7 @@ def show(answer: Mapping[str, Any]) -> None:
             )
     best = answer["best"]
     if len(rows) > 1:
-        typer.echo(f"best on other episodes: {best['method']} seed {best['seed']}")
+        typer.echo(f"best on other episodes: {row_name(best)} seed {best['seed']}")
     typer.echo(f"artifact: {answer['artifact']}")
 
 
@@ -227,14 +230,16 @@ def show_intervals(rows: Sequence[Mapping[str, Any]]) -> None:
     shown = {key: heading for key, heading in COLUMNS.items() if key in rows[0]["intervals"]}
     cells = [
         [
-            row["method"],
+            row_name(row),
             row["seed"],
             *(" to ".join(f"{edge:.4g}" for edge in row["intervals"][key]) for key in shown),
         ]
         for row in rows
     ]
     console.print_table(
-        ["method", "seed", *shown.values()], cells, title="95 % intervals over the episodes"
+        [first_heading(rows), "seed", *shown.values()],
+        cells,
+        title="95 % intervals over the episodes",
     )
 
 

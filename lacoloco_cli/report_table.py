@@ -129,12 +129,12 @@ def rows_of(artifact: Artifact) -> list[dict[str, Any]]:
 def table(rows: Sequence[Row]) -> list[str]:
     """Means over seeds first, then a row per seed; the best seed is called so and never alone."""
     keys = [key for key in COLUMNS if all(key in row for row in rows)]
+    names = [row_name(row) for row in rows]
     by_method = {
-        method: [row for row in rows if row["method"] == method]
-        for method in dict.fromkeys(row["method"] for row in rows)
+        name: [row for row in rows if row_name(row) == name] for name in dict.fromkeys(names)
     }
     lines = [
-        _line(["method", "seed", "episodes", *(COLUMNS[key].heading for key in keys)]),
+        _line([first_heading(rows), "seed", "episodes", *(COLUMNS[key].heading for key in keys)]),
         _line(["---", "---", *["---:"] * (len(keys) + 1)]),
     ]
     for method, seeds in by_method.items():
@@ -145,7 +145,7 @@ def table(rows: Sequence[Row]) -> list[str]:
         for row in seeds:
             mark = ", best on other episodes" if row["best"] and len(rows) > 1 else ""
             metrics = [_with_interval(row, key) for key in keys]
-            cells = [row["method"], f"{row['seed']}{mark}", str(row["episodes"]), *metrics]
+            cells = [row_name(row), f"{row['seed']}{mark}", str(row["episodes"]), *metrics]
             lines.append(_line(cells))
     spread = any(len(seeds) > 1 for seeds in by_method.values())
     note = NOTE_OVER_SEEDS if spread else ""
@@ -155,6 +155,16 @@ def table(rows: Sequence[Row]) -> list[str]:
     if single:
         note += f"{' ' if note else ''}One seed, so no spread: {', '.join(single)}."
     return [*lines, "", *_wrapped(note)]
+
+
+def row_name(row: Row) -> str:
+    """The row's variant in a sweep, else its method."""
+    return str(row.get("variant", row["method"]))
+
+
+def first_heading(rows: Sequence[Row]) -> str:
+    """What ``row_name`` is of these rows."""
+    return "variant" if any("variant" in row for row in rows) else "method"
 
 
 def origin(artifact: Artifact) -> list[str]:

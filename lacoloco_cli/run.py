@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lacoloco_cli import console
+from lacoloco_cli.compared import Compared
 from lacoloco_cli.failures import UserError
 from lacoloco_cli.options import PANEL, STAGE, Seeds
 from lacoloco_cli.session import Session, path_text, verb
-from lacoloco_cli.stage_settings import stage_settings
 from lacoloco_cli.sweep import Sweep, run_sweep
 
 if TYPE_CHECKING:
-    from lacoloco.pipelines.chains.chain import Outcome
+    from lacoloco.pipelines.chains.chain_stages import Outcome
 
 app = typer.Typer()
 
@@ -29,8 +29,9 @@ NAMES = (
     "go2-synthetic",
     "h1-human",
     "h1-synthetic",
+    "table-1",
 )
-"""The experiments, said here as well: help imports none of them."""
+"""The experiments and the paper's table, said here as well: help imports none of them."""
 
 Set = Annotated[
     list[str] | None,
@@ -54,6 +55,14 @@ Methods = Annotated[
         "--methods",
         metavar="all|NAME,...",
         help="Several methods, each seed of each in a job of its own: gan-cat, drail, ...",
+    ),
+]
+SweepFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--sweep",
+        metavar="FILE",
+        help="Several variants, a table each in a TOML file: [NAME] set = ['STAGE.KEY=VALUE'].",
     ),
 ]
 Executor = Annotated[
@@ -109,6 +118,7 @@ def run(
     seeds: Seeds = 1,
     robot: OwnRobot = None,
     methods: Methods = None,
+    sweep: SweepFile = None,
     executor: Executor = None,
     jobs: Jobs = None,
     slurm: Slurm = None,
@@ -117,37 +127,39 @@ def run(
 ) -> None:
     """Run an experiment from nothing: motions, both levels, evaluation, ONNX, pages to watch.
 
-    With --methods or --executor: motions, then both levels of every method and seed, each in a job
-    of its own, then the evaluation of all. Given again, it does what is missing.
+    With --methods, --sweep or --executor: motions, then both levels of every variant and seed, each
+    in a job of its own, then the evaluation of all. Given again, it does what is missing.
+    `table-1 --robot solo12|h1` is the paper's: all methods, fresh episodes, seeds from 10 upwards.
 
-    With --resume, and always with --methods, a stage is kept that is complete with the same
+    With --resume, and always with several, a stage is kept that is complete with the same
     settings, seed, robot and inputs. Where they differ, it runs again as a new version, and one
     line says what differs. --status shows the newest of each method and seed, whatever its
     settings.
     """
     from lacoloco.pipelines.chains import chain, experiments
+    from lacoloco.pipelines.chains.sweep import Asked
+    from lacoloco.pipelines.chains.variants import TABLE_1_SEED
     from lacoloco.pipelines.retargeting.mocap.sources import find_recordings
-    from lacoloco.robots.registry import load_robot
 
-    name = known_name(name, experiments.EXPERIMENTS)
+    name = known_name(name, NAMES)
     method = f"{disc}-cat" if cat else disc
     if method not in experiments.METHODS:
         raise UserError(f"--disc {disc}: use gan or drail")
     preset = session.preset or "laptop"
-    settings = stage_settings(session.overrides, experiments.EXPERIMENTS[name], preset)
-    load_robot(robot or experiments.EXPERIMENTS[name].robot)
+    asked = Compared(session.overrides, preset, method, methods, robot, sweep)
+    compared = asked.variants(name)
     find_recordings(mocap or [])
-    if methods or executor or status:
+    if name == "table-1" or methods or sweep or executor or status:
+        if name == "table-1" and not first_seed_typed(session.arguments):
+            session.seed = TABLE_1_SEED
         many = Sweep(
-            experiment=name,
-            methods=methods or method,
+            name=name,
+            variants=compared,
+            asked=Asked(preset, None if name == "table-1" else robot, tuple(mocap or ())),
             seeds=seeds,
             executor=executor or "local",
             jobs=jobs,
             slurm=slurm or [],
-            mocap=mocap or [],
-            settings=settings,
-            robot=robot,
         )
         run_sweep(session, many, status=status)
         return
@@ -162,9 +174,14 @@ def run(
         mocap=mocap or [],
         robot=robot,
         from_scratch=from_scratch,
-        settings=settings,
+        settings=compared[0].settings,
     )
     _answer(session, name, outcomes)
+
+
+def first_seed_typed(arguments: Sequence[str]) -> bool:
+    """Whether the command line has `--seed`."""
+    return any(one.partition("=")[0] == "--seed" for one in arguments)
 
 
 def _answer(session: Session, name: str, outcomes: Sequence[Outcome]) -> None:

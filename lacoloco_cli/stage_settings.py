@@ -34,7 +34,7 @@ def stage_settings(
             (the nearest is named), a field that the method decides, or a wrong type.
         StageError: Unknown preset.
     """
-    from lacoloco.pipelines.chains.chain import config_of, stages_of
+    from lacoloco.pipelines.chains.stage_configs import config_of, stages_of
 
     stages = stages_of(experiment)
     settings: dict[str, dict[str, Any]] = {}

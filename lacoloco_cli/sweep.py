@@ -1,12 +1,9 @@
-"""`lacoloco run --methods ... --executor ...`: many trainings of one experiment, and how far they
-are.
-"""
+"""Several trainings of one experiment, each in a job of its own, and how far they are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -16,28 +13,42 @@ from lacoloco_cli.failures import OUR_BUG, UserError
 from lacoloco_cli.session import Session, path_text
 
 if TYPE_CHECKING:
-    from lacoloco.pipelines.chains.sweep import Trial
+    from lacoloco.pipelines.chains.chain_stages import Outcome
+    from lacoloco.pipelines.chains.sweep import Asked, Trial
+    from lacoloco.pipelines.chains.variants import Variant
 
 STATUSES = ("done", "failed", "unfinished", "missing")
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """What was asked for with `--methods` or `--executor`."""
+    """What was asked for with `--methods`, `--sweep` or `--executor`, or as `table-1`.
 
-    experiment: str
-    methods: str
+    Attributes:
+        name: Of the experiment, or `table-1`.
+        variants: What is compared.
+        asked: What all of them share.
+        seeds: Per variant.
+        executor: `local` or `slurm`.
+        jobs: At most so many at the same time; None: 1, on Slurm all.
+        slurm: `"KEY=VALUE"`.
+    """
+
+    name: str
+    variants: list[Variant]
+    asked: Asked
     seeds: int
     executor: str
     jobs: int | None
     slurm: list[str]
-    mocap: list[Path]
-    settings: Mapping[str, Mapping[str, Any]]
-    """Stage -> dotted path of a config field -> value."""
-    robot: str | None = None
+
+    def at_once(self) -> int:
+        """Jobs at the same time."""
+        every = len(self.variants) * self.seeds
+        return self.jobs or (1 if self.executor == "local" else every)
 
 
-def run_sweep(session: Session, asked: Sweep, *, status: bool) -> None:
+def run_sweep(session: Session, many: Sweep, *, status: bool) -> None:
     """Train every trial that is missing, or only show how far they are.
 
     Raises:
@@ -45,43 +56,43 @@ def run_sweep(session: Session, asked: Sweep, *, status: bool) -> None:
     """
     from lacoloco.pipelines.chains import sweep
 
-    methods = sweep.chosen_methods(asked.methods)
     evaluation = None
     if status:
-        seeds = range(session.seed, session.seed + asked.seeds)
-        found = sweep.trials(session.store, session.run_name, methods, seeds)
+        found = sweep.trials(session.context(), many.variants, many.seeds, many.asked)
     else:
-        at_once = asked.jobs or (1 if asked.executor == "local" else len(methods) * asked.seeds)
-        given, context = parameters(asked.slurm), session.context()
+        given, context = parameters(many.slurm), session.context()
         session.remember()
         found, evaluation = sweep.run_trials(
-            asked.experiment,
             context,
-            preset=session.preset or "laptop",
-            methods=methods,
-            seeds=asked.seeds,
-            executor=asked.executor,
-            at_once=at_once,
+            many.variants,
+            many.seeds,
+            many.asked,
+            executor=many.executor,
+            at_once=many.at_once(),
             options=given,
-            mocap=asked.mocap,
-            settings=asked.settings,
-            robot=asked.robot,
         )
+    _answer(session, many, found, evaluation)
+
+
+def _answer(
+    session: Session, many: Sweep, found: Sequence[Trial], evaluation: Outcome | None
+) -> None:
     rows = [trial_row(trial) for trial in found]
     payload: dict[str, Any] = {
         "artifact": path_text(evaluation.artifact) if evaluation else None,
-        "experiment": asked.experiment,
+        "experiment": many.name,
         "run": session.run_name,
         "trials": rows,
         "counts": {kind: [r["status"] for r in rows].count(kind) for kind in STATUSES},
     }
 
     def show() -> None:
-        columns = ("method", "seed", "status", "samples", "seconds", "error")
+        columns = ("variant", "seed", "status", "samples", "seconds", "error")
         table = [[row[column] for column in columns] for row in rows]
         console.print_table(list(columns), table)
         if evaluation:
             typer.echo(f"evaluation: {evaluation.summary}; {path_text(evaluation.artifact)}")
+            typer.echo(f"as a table: lacoloco runs report {session.run_name}")
 
     session.answer(payload, show)
     if payload["counts"]["failed"]:
@@ -92,7 +103,8 @@ def trial_row(trial: Trial) -> dict[str, Any]:
     """One trial as `--json` prints it."""
     paths = {stage: getattr(trial, stage) for stage in ("low", "high")}
     return {
-        "method": trial.method,
+        "variant": trial.variant.name,
+        "method": trial.variant.method,
         "seed": trial.seed,
         "status": trial.status,
         "samples": trial.samples,

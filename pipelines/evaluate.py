@@ -82,9 +82,22 @@ PRESETS: dict[str, Callable[[], EvalConfig]] = {
 }
 
 
-def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) -> StageResult:
+def run(
+    config: EvalConfig,
+    context: StageContext,
+    *,
+    policies: Sequence[Path],
+    names: Sequence[str] = (),
+) -> StageResult:
     """Evaluate high-level artifacts, one row each, and the best of them by episodes that are not
     reported.
+
+    Args:
+        config: How much.
+        context: Run, device.
+        policies: What to evaluate.
+        names: Of the rows, one per policy, where methods do not tell them apart; rows of one name
+            are seeds of it.
 
     Raises:
         ArtifactError: an input is missing, damaged, or holds no high level.
@@ -121,6 +134,8 @@ def run(config: EvalConfig, context: StageContext, *, policies: Sequence[Path]) 
         context.progress.stop()
     if len({"task_reward" in row for row in rows}) > 1:
         raise StageError("policies with a target and without one: evaluate them one kind at a time")
+    for row, name in zip(rows, names, strict=False):
+        row["variant"] = name
     best = min(rows, key=_selection)
     metadata: dict[str, Any] = {"rows": rows, "best": best, "summary": summary(rows)}
     metadata["protocol"] = config.protocol
@@ -175,15 +190,18 @@ def _shift(
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Mean, sample standard deviation and 95 % interval of the mean over seeds of every metric, by
-    method; one seed has no interval.
+    variant or else by method; one seed has no interval.
     """
     result: dict[str, dict[str, Any]] = {}
-    for method in dict.fromkeys(row["method"] for row in rows):
+    names = [row.get("variant", row["method"]) for row in rows]
+    for name in dict.fromkeys(names):
         for metric in (*METRICS, "task_reward"):
             if metric not in rows[0]:
                 continue
-            values = np.array([row[metric] for row in rows if row["method"] == method])
-            entry = result.setdefault(method, {"seeds": len(values)})
+            values = np.array(
+                [row[metric] for row, its in zip(rows, names, strict=True) if its == name]
+            )
+            entry = result.setdefault(name, {"seeds": len(values)})
             entry[f"{metric}_mean"] = float(values.mean())
             entry[f"{metric}_spread"] = float(values.std(ddof=1)) if len(values) > 1 else 0.0
             entry[f"{metric}_interval"] = over_seeds(values.tolist())

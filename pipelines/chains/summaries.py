@@ -13,10 +13,12 @@ def summarise(verb: str, metrics: dict[str, Any]) -> str:
 
 
 def _evaluated(metrics: dict[str, Any]) -> str:
-    """Mean and sample spread over the seeds of every method; never the best seed in their place."""
+    """Mean and sample spread over the seeds of every method or variant; never the best seed in
+    their place.
+    """
     lines = []
-    for method in metrics["summary"]:
-        rows = [row for row in metrics["rows"] if row["method"] == method]
+    for name in metrics["summary"]:
+        rows = [row for row in metrics["rows"] if row.get("variant", row["method"]) == name]
         error, violation, falls = (
             [row[key] for row in rows]
             for key in ("ee_error_mean_m", "contact_violation_pct", "falls_pct")
@@ -24,7 +26,7 @@ def _evaluated(metrics: dict[str, Any]) -> str:
         spread = f" +- {100 * stdev(error):.1f}" if len(rows) > 1 else ""
         seeds = f"mean of {len(rows)} seeds" if len(rows) > 1 else f"seed {rows[0]['seed']}"
         lines.append(
-            f"{method}, {seeds}: error {100 * fmean(error):.1f}{spread} cm, "
+            f"{name}, {seeds}: error {100 * fmean(error):.1f}{spread} cm, "
             f"violation {fmean(violation):.2f} %, falls {fmean(falls):.2f} %"
         )
     return "; ".join(lines)

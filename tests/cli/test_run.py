@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lacoloco.pipelines.chains import chain
-from lacoloco.pipelines.chains.chain import Outcome
+from lacoloco.pipelines.chains.chain_stages import Outcome
 from lacoloco.pipelines.chains.experiments import EXPERIMENTS
 from lacoloco_cli.main import app
 
@@ -117,6 +117,11 @@ def test_settings_reach_the_trials_of_a_sweep(monkeypatch):
     from lacoloco.pipelines.chains import sweep
 
     calls = []
-    monkeypatch.setattr(sweep, "run_trials", lambda *_, **given: calls.append(given) or ([], None))
+
+    def run_trials(_, variants, *__, **___):
+        calls.extend(variants)
+        return [], None
+
+    monkeypatch.setattr(sweep, "run_trials", run_trials)
     invoke("solo12-synthetic", "--methods", "gan", "--set", "train-high.ppo.gamma=0.9")
-    assert calls[0]["settings"] == {"train-high": {"ppo.gamma": 0.9}}
+    assert calls[0].settings == {"train-high": {"ppo.gamma": 0.9}}

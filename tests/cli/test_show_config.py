@@ -137,7 +137,7 @@ BAD = [
 
 @pytest.mark.parametrize(("module", "key", "value"), BAD)
 def test_a_value_out_of_range_is_refused_wherever_it_comes_from(module, key, value):
-    from lacoloco.pipelines.chains.chain import changed
+    from lacoloco.pipelines.chains.stage_configs import changed
 
     config = config_of(module)
     field = key.rsplit(".", 1)[-1]
@@ -170,7 +170,9 @@ def test_an_experiment_with_a_bad_setting_is_refused():
     from lacoloco.pipelines.chains import chain
 
     settings = {"eval": {"episodes": 0}}
-    one = chain._Chain(chain.EXPERIMENTS["quickstart"], None, "smoke", "drail-cat", [], settings)
+    one = chain.ChainStages(
+        chain.EXPERIMENTS["quickstart"], None, "smoke", "drail-cat", [], settings
+    )
     with pytest.raises(ConfigError, match="eval.episodes=0: use a whole number from 1"):
         one.config("eval")
 

@@ -9,7 +9,7 @@ from lacoloco.datasets import published
 from lacoloco.datasets.artifact import write_artifact
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import generate, train_high, train_low
-from lacoloco.pipelines.chains import chain, experiments
+from lacoloco.pipelines.chains import chain, chain_stages, experiments
 from lacoloco.pipelines.stage import Silent, StageContext, StageResult
 
 
@@ -41,9 +41,9 @@ def ran(monkeypatch):
 
         return SimpleNamespace(run=run)
 
-    monkeypatch.setattr(chain, "import_module", fake)
-    monkeypatch.setattr(chain, "summarise", lambda verb, metrics: "")
-    monkeypatch.setattr(chain._Chain, "config", lambda *_: None)
+    monkeypatch.setattr(chain_stages, "import_module", fake)
+    monkeypatch.setattr(chain_stages, "summarise", lambda verb, metrics: "")
+    monkeypatch.setattr(chain.ChainStages, "config", lambda *_: None)
     return calls
 
 
@@ -127,7 +127,7 @@ def test_EXPXof_the_paper_never_start_from_what_is_published(ran, folder, contex
 
 def test_an_experiment_changes_what_the_preset_says(context):
     experiment = experiments.EXPERIMENTS["solo12-dog-reach"]
-    planned = chain._Chain(experiment, context, "smoke", "gan", [], {})
+    planned = chain.ChainStages(experiment, context, "smoke", "gan", [], {})
     generated, low = planned.config("generate"), planned.config("train-low")
     assert (generated.walk_clips, generated.reach_clips) == (0, generate.smoke().reach_clips)
     assert dict(low.skill_shares).keys() == {"dog", "reach"}
@@ -138,11 +138,11 @@ def test_an_experiment_changes_what_the_preset_says(context):
 def test_robots_that_fall_have_a_recipe_of_their_own_but_for_the_smallest_preset(context):
     humanoid = experiments.EXPERIMENTS["h1-synthetic"]
     settings = {"train-low": {"ppo.gamma": 0.9}}
-    planned = chain._Chain(humanoid, context, "laptop", "drail-cat", [], settings)
+    planned = chain.ChainStages(humanoid, context, "laptop", "drail-cat", [], settings)
     low = planned.config("train-low")
     assert low.networks.actor == (512, 256, 128) and low.long_horizon_from == 0.05
     assert low.ppo.gamma == 0.9 and low.ppo.horizon == train_low.laptop().ppo.horizon
-    small = chain._Chain(humanoid, context, "smoke", "drail-cat", [], {}).config("train-low")
+    small = chain.ChainStages(humanoid, context, "smoke", "drail-cat", [], {}).config("train-low")
     assert (small.networks, small.episode_s) == (
         train_low.smoke().networks,
         train_low.smoke().episode_s,
@@ -156,7 +156,7 @@ def test_settings_reach_every_stage_and_come_after_preset_and_experiment(context
         "eval": {"episodes": 9},
     }
     experiment = experiments.EXPERIMENTS["solo12-dog-reach"]
-    planned = chain._Chain(experiment, context, "smoke", "gan", [], settings)
+    planned = chain.ChainStages(experiment, context, "smoke", "gan", [], settings)
     assert planned.config("generate").walk_clips == 5
     assert (planned.config("train-low").ppo.gamma, planned.config("train-low").samples) == (0.5, 7)
     assert planned.config("train-low").ase.discriminator == "gan"
@@ -186,7 +186,7 @@ def row(method, seed, error):
 def test_an_evaluation_of_several_seeds_is_summed_up_by_mean_and_spread_not_by_the_best():
     rows = [row("drail", 0, 0.01), row("drail", 1, 0.03), row("gan", 4, 0.05)]
     metrics = {"rows": rows, "best": rows[0], "summary": {"drail": {}, "gan": {}}}
-    several, single = chain.summarise("eval", metrics).split("; ")
+    several, single = chain_stages.summarise("eval", metrics).split("; ")
     assert several == (
         "drail, mean of 2 seeds: error 2.0 +- 1.4 cm, violation 0.10 %, falls 0.30 %"
     )

@@ -11,7 +11,7 @@ import pytest
 from lacoloco.datasets.artifact import read_header, write_artifact
 from lacoloco.datasets.store import RunStore
 from lacoloco.datasets.work import Work
-from lacoloco.pipelines.chains import chain, experiments
+from lacoloco.pipelines.chains import chain, chain_stages, experiments
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.robot import record_of
 from lacoloco.pipelines.stage import Silent, StageContext, StageResult
@@ -54,8 +54,8 @@ def ran(monkeypatch):
 
         return SimpleNamespace(run=run, work=getattr(module, "work", None), PRESETS=module.PRESETS)
 
-    monkeypatch.setattr(chain, "import_module", fake)
-    monkeypatch.setattr(chain, "summarise", lambda verb, metrics: "")
+    monkeypatch.setattr(chain_stages, "import_module", fake)
+    monkeypatch.setattr(chain_stages, "summarise", lambda verb, metrics: "")
     return calls
 
 
@@ -146,8 +146,9 @@ def test_a_sweeps_trials_compare_robots_settings_and_motions(go, context, rename
     go()
     motions = [context.store.newest("run", "generate")]
     asked = {"preset": "smoke", "method": "drail-cat", "settings": None, "robot": None}
-    low, high = chain.trained_levels("solo12-synthetic", context, motions=motions, **asked)
-    assert (low, high) == tuple(context.store.newest("run", stage) for stage in TRAINED)
+    low, high = (context.store.newest("run", stage) for stage in TRAINED)
+    found = chain.trained_levels("solo12-synthetic", context, motions=motions, **asked)
+    assert found == chain.Levels(low, high, ())
     for changed in (
         {"preset": "gpu"},
         {"settings": {"train-low": {"worlds": 32}}},
@@ -156,12 +157,12 @@ def test_a_sweeps_trials_compare_robots_settings_and_motions(go, context, rename
         found = chain.trained_levels(
             "solo12-synthetic", context, motions=motions, **{**asked, **changed}
         )
-        assert found == (None, None), changed
+        assert found == chain.Levels(None, None, ()), changed
     only_high = {"settings": {"train-high": {"worlds": 32}}}
     found = chain.trained_levels(
         "solo12-synthetic", context, motions=motions, **{**asked, **only_high}
     )
-    assert found == (low, None)
+    assert found == chain.Levels(low, None, ())
 
 
 def test_motions_of_another_robot_are_not_learned_from(go, context, renamed_robot, tmp_path):
