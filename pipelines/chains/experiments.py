@@ -44,8 +44,8 @@ class Experiment:
         decisions: at most so many train the high level; a quickstart shows that it works, not how
             well in the end.
         settings: verb -> fields of its config that are not the preset's.
-        balance: the same with dotted names, for robots that fall where others stand. The preset
-            ``smoke`` stays as small as it is.
+        recipe: the same with dotted names, for all presets but ``smoke``, which stays as small as
+            it is.
         start_from: names of published policies; the chain begins with the low level of the first
             that there is.
     """
@@ -57,22 +57,29 @@ class Experiment:
     episodes: int = 4096
     decisions: int | None = None
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    balance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    recipe: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     start_from: tuple[str, ...] = ()
 
 
 BALANCE = {
-    "train-low": {
-        "networks.actor": (512, 256, 128),
-        "networks.critic": (512, 256, 128),
-        "ppo.gamma": 0.99,
-        "episode_s": 4.0,
-        "restart_probability": 0.3,
-        "long_horizon_from": 0.05,
-    }
+    "networks.actor": (512, 256, 128),
+    "networks.critic": (512, 256, 128),
+    "ppo.gamma": 0.99,
+    "episode_s": 4.0,
+    "restart_probability": 0.3,
+    "long_horizon_from": 0.05,
 }
-"""A low level that was cloned from experts walks from the first sample on. What it has to learn is
-not to fall in ten seconds, so it sees them early, and values what comes later.
+"""Of ``train-low``, for robots that fall where others stand. A low level that was cloned walks from
+the first sample on. What it has to learn is not to fall in ten seconds, so it sees them early, and
+values what comes later.
+"""
+CLONED = {
+    "samples": 24_576,
+    "critic_warmup": 1.0,
+    "coverage_every": 0,
+}
+"""Of ``train-low``: what was cloned from experts is kept as it is. The few samples are those in
+which critic, discriminator and encoder see it; the actor does not learn.
 """
 EXPERIMENTS = {
     "quickstart": Experiment(
@@ -115,10 +122,17 @@ EXPERIMENTS = {
         ("track",),
         "a person's motions, as the robot performs them",
         settings={"retarget": {"augment": True}},
-        balance=BALANCE,
+        recipe={"train-low": BALANCE},
     ),
     "h1-synthetic": Experiment(
-        "h1", ("generate",), ("generate",), "the same on the humanoid", balance=BALANCE
+        "h1",
+        ("generate",),
+        ("generate",),
+        "the same on the humanoid; its low level is cloned, as adversarial training makes it fall",
+        recipe={
+            "train-low": {**BALANCE, **CLONED},
+            "train-high": {"skill_dynamics.rounds": 8, "std": (0.1, 0.03)},
+        },
     ),
 }
 

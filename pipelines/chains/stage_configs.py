@@ -33,7 +33,7 @@ def config_of(experiment: Experiment, verb: str, *, preset: str, method: str) ->
     config = known(module.PRESETS, preset, "preset")()
     config = replace(config, **experiment.settings.get(verb, {}))
     if preset != "smoke":
-        config = changed(config, experiment.balance.get(verb, {}))
+        config = changed(config, experiment.recipe.get(verb, {}))
     if verb == "train-low":
         discriminator, constrained = known(METHODS, method, "method")
         ase = replace(config.ase, discriminator=discriminator)

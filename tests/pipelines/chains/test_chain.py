@@ -119,7 +119,7 @@ def test_from_scratch_other_motions_and_other_methods_need_the_whole_chain(
     assert context.progress.lines == []
 
 
-def test_EXPXof_the_paper_never_start_from_what_is_published(ran, folder, context):
+def test_experiments_of_the_paper_never_start_from_what_is_published(ran, folder, context):
     write(folder / "solo12-synthetic.h5")
     chain.run("solo12-synthetic", context, preset="smoke")
     assert "train-low" in verbs(ran)
@@ -142,6 +142,7 @@ def test_robots_that_fall_have_a_recipe_of_their_own_but_for_the_smallest_preset
     low = planned.config("train-low")
     assert low.networks.actor == (512, 256, 128) and low.long_horizon_from == 0.05
     assert low.ppo.gamma == 0.9 and low.ppo.horizon == train_low.laptop().ppo.horizon
+    assert low.critic_warmup == 1.0 and planned.config("train-high").skill_dynamics.rounds == 8
     small = chain.ChainStages(humanoid, context, "smoke", "drail-cat", [], {}).config("train-low")
     assert (small.networks, small.episode_s) == (
         train_low.smoke().networks,
