@@ -60,6 +60,19 @@ COLUMNS = {
     "falls_pct": Column("falls [%]", 1.0, 3),
 }
 """Key of an evaluation's row -> how it is shown."""
+SHIFT_COLUMNS = {
+    key: COLUMNS[key]
+    for key in (
+        "success_5cm_pct",
+        "success_30cm_pct",
+        "ee_error_median_m",
+        "ee_error_mean_m",
+        "falls_pct",
+        "contact_violation_pct",
+        "contact_violation_original_pct",
+    )
+}
+"""The same for a row of the hardware shift."""
 
 
 def section(name: str, artifact: Artifact) -> str:
@@ -75,7 +88,10 @@ def section(name: str, artifact: Artifact) -> str:
     begin, end = markers(name)
     if artifact.schema != SCHEMA:
         raise UserError(f"{artifact.path}: is {artifact.schema}; a report takes evaluations only")
-    return "\n".join([begin, "", *table(rows_of(artifact)), "", *origin(artifact), "", end, ""])
+    shift = artifact.metadata.get("shift", [])
+    more = [*shift_table(shift), ""] if shift else []
+    lines = [begin, "", *table(rows_of(artifact)), "", *more, *origin(artifact), "", end, ""]
+    return "\n".join(lines)
 
 
 def markers(name: str) -> tuple[str, str]:
@@ -145,7 +161,7 @@ def table(rows: Sequence[Row]) -> list[str]:
         for row in seeds:
             mark = ", best on other episodes" if row["best"] and len(rows) > 1 else ""
             metrics = [_with_interval(row, key) for key in keys]
-            cells = [row_name(row), f"{row['seed']}{mark}", str(row["episodes"]), *metrics]
+            cells = [row_name(row), f"{row['seed']}{mark}", row["episodes"], *metrics]
             lines.append(_line(cells))
     spread = any(len(seeds) > 1 for seeds in by_method.values())
     note = NOTE_OVER_SEEDS if spread else ""
@@ -155,6 +171,21 @@ def table(rows: Sequence[Row]) -> list[str]:
     if single:
         note += f"{' ' if note else ''}One seed, so no spread: {', '.join(single)}."
     return [*lines, "", *_wrapped(note)]
+
+
+def shift_table(rows: Sequence[Row]) -> list[str]:
+    """A line per row of the hardware shift: the same episodes with something added."""
+    columns = SHIFT_COLUMNS.values()
+    return [
+        _line(["what is added", "episodes", *(column.heading for column in columns)]),
+        _line(["---", *["---:"] * (len(columns) + 1)]),
+        *(
+            _line(
+                [row["name"], row["episodes"], *(_with_interval(row, key) for key in SHIFT_COLUMNS)]
+            )
+            for row in rows
+        ),
+    ]
 
 
 def row_name(row: Row) -> str:
@@ -231,8 +262,8 @@ def _text(value: float, column: Column) -> str:
     return f"{value * column.scale:.{column.digits}f}"
 
 
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def _line(cells: Sequence[Any]) -> str:
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def _file(path: str) -> str:

@@ -47,5 +47,5 @@ def draw_shift(file: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         axes.set_xlim(0.0, 100.0)
         axes.set_xlabel(f"episodes [%], {rows[0]['episodes']} in each row")
         axes.grid(axis="y", visible=False)
-        axes.legend(loc="lower left")
+        figure.legend(loc="outside upper right", ncols=2)
         save(figure, file)

@@ -24,7 +24,7 @@ def store(tmp_path, monkeypatch):
     return RunStore(tmp_path / "runs")
 
 
-def evaluated(store, run, methods=FALLS):
+def evaluated(store, run, methods=FALLS, **metadata):
     """An evaluation of two episodes per policy, one of them within 5 cm."""
     rows = []
     arrays = {}
@@ -44,7 +44,7 @@ def evaluated(store, run, methods=FALLS):
         directory.file("artifact.h5"),
         "lacoloco/evaluation",
         arrays,
-        metadata={"rows": rows, "best": rows[0], "summary": {}, "hardware": HARDWARE},
+        metadata={"rows": rows, "best": rows[0], "summary": {}, "hardware": HARDWARE, **metadata},
         config={},
         seed=0,
         robot=None,
@@ -72,6 +72,16 @@ def test_means_come_first_and_the_best_seed_is_called_so(store):
     assert [line.split("|")[1].strip() for line in table[4:]] == ["drail", "gan"]
     assert sum("best" in line for line in table) == 1
     assert "sample standard deviation" in "".join(lines) and "One seed" in "".join(lines)
+
+
+def test_a_hardware_shift_has_a_table_of_its_own(store):
+    row = {key: 1.0 for key in report_table.SHIFT_COLUMNS}
+    row |= {"name": "pd-1khz", "episodes": 256, "intervals": {"success_5cm_pct": [0.5, 2.0]}}
+    evaluated(store, "shifted", shift=[row])
+    lines = invoke("shifted").stdout.splitlines()
+    heading = next(n for n, line in enumerate(lines) if line.startswith("| what is added"))
+    assert lines[heading + 2].startswith("| pd-1khz | 256 | 1.00 [0.50, 2.00] | 1.00 | 100.00 |")
+    assert "what is added" not in invoke(evaluated(store, "still").parent).stdout
 
 
 def test_every_table_says_where_it_comes_from(store):
