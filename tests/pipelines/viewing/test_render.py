@@ -66,6 +66,7 @@ def test_any_robot_can_be_drawn(gl, robot, make_clips):
     clip = from_clip(make_clips(robot, frames=20)[0])
     frames = render_frames(robot, clip, SMALL)
     assert all(np.count_nonzero(frame.max(-1) < 110) > 30 for frame in frames)
+    assert frames[0, -1].min() > 90  # the floor in front has its own colours, not the robot's
 
 
 def test_the_gif_has_the_time_of_the_recording(gl, solo12, recording):
