@@ -112,7 +112,7 @@ def import_motions(
     config = options.applied_to(session.config(stage.PRESETS))
     result = stage.run(config, session.context(), robot=robot, sources=sources)
     payload = {"artifact": path_text(result.artifact), **result.metrics}
-    session.answer(payload, lambda: _show(payload))
+    session.answer(payload, lambda: _show(payload), then="track")
     if result.metrics["skipped"]:
         raise typer.Exit(INCOMPLETE)
 

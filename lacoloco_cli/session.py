@@ -172,12 +172,19 @@ class Session:
             self.progress.say(f"{self.verb} of run '{self.run_name}' takes {named}")
         return list(inputs)
 
-    def answer(self, payload: Mapping[str, Any], show: Callable[[], None] | None = None) -> None:
+    def answer(
+        self,
+        payload: Mapping[str, Any],
+        show: Callable[[], None] | None = None,
+        *,
+        then: str | None = None,
+    ) -> None:
         """Give the result: as the JSON object with `--json`, else through `show`.
 
         Args:
             payload: Plain values; what `--json` prints. One answer per call.
             show: Prints the same for a person; default: one `key: value` line each.
+            then: The verb that takes what this one made; default: that of ``NEXT``.
         """
         self.progress.stop()
         if not self.speaks:
@@ -189,8 +196,9 @@ class Session:
         else:
             for key, value in payload.items():
                 typer.echo(f"{key}: {console.cell_text(value)}")
-        if self.verb in NEXT and sys.stderr.isatty() and not (self.as_json or self.quiet):
-            command = ["lacoloco", NEXT[self.verb], "--run", self.run_name]
+        then = then or NEXT.get(self.verb)
+        if then is not None and sys.stderr.isatty() and not (self.as_json or self.quiet):
+            command = ["lacoloco", then, "--run", self.run_name]
             console.note(f"next: {shlex.join(command)}")
 
     def how_to_continue(self) -> str:

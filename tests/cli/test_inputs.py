@@ -54,3 +54,13 @@ def test_a_person_is_told_what_to_do_next(capsys, monkeypatch, terminal, said):
     session.progress.stop()
     session.answer({"artifact": "x"})
     assert capsys.readouterr().err.endswith(said)
+
+
+def test_where_a_verbs_name_does_not_say_what_comes_next_it_says_so_itself(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    session = Session("import", run="dog")
+    session.progress.stop()
+    session.answer({"artifact": "x"})
+    assert "next:" not in capsys.readouterr().err
+    session.answer({"artifact": "x"}, then="track")
+    assert capsys.readouterr().err.endswith("next: lacoloco track --run dog\n")
