@@ -51,7 +51,7 @@ def read_sweep(
     found = []
     for name, table in _tables(file).items():
         chosen = table.get("method", method)
-        if chosen not in METHODS:
+        if chosen not in list(METHODS):  # a list in the file cannot be looked up in a dict
             raise UserError(f"{file}: [{name}] method {chosen!r}: use one of {', '.join(METHODS)}")
         try:
             own = [*common, *table.get("set", [])]

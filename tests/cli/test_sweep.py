@@ -153,6 +153,7 @@ def test_variants_of_a_file_share_motions_and_low_levels_and_have_a_row_each(sto
         ("a = 1", "write a table per variant"),
         ("['a b']", "use letters"),
         ("[a]\nsett = []", "sett: not known"),
+        ("[a]\nmethod = ['gan']", "use one of"),
         ("[a]\nset = 'train-low.samples=1'", "a list of"),
         ("[a]\nmethod = 'wgan'", "drail-cat"),
         ("[a]\nset = ['train-low.sample=1']", "did you mean"),
