@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,7 +61,11 @@ def read_sweep(
             raise UserError(f"{file}: [{name}] {error}") from error
         if any(one.partition(".")[0].strip() == "eval" for one in table.get("set", [])):
             raise UserError(f"{file}: [{name}] sets eval: all variants are evaluated alike; --set")
-        found.append(Variant(name, experiment, chosen, settings, compared=True))
+        variant = Variant(name, experiment, chosen, settings, compared=True)
+        for other in found:
+            if replace(other, name=name) == variant:
+                raise UserError(f"{file}: [{name}] is the same as [{other.name}]; leave one out")
+        found.append(variant)
     return found
 
 

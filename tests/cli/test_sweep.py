@@ -158,6 +158,7 @@ def test_variants_of_a_file_share_motions_and_low_levels_and_have_a_row_each(sto
         ("[a]\nmethod = 'wgan'", "drail-cat"),
         ("[a]\nset = ['train-low.sample=1']", "did you mean"),
         ("[a]\nset = ['eval.episodes=1']", "evaluated alike"),
+        ("[a]\n[b]", "same as [a]"),
     ],
 )
 def test_a_file_that_says_what_does_not_exist_is_refused(store, tmp_path, text, said):
