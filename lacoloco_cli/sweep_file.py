@@ -49,7 +49,7 @@ def read_sweep(
     from lacoloco.pipelines.chains.experiments import EXPERIMENTS, METHODS
     from lacoloco.pipelines.chains.variants import Variant
 
-    found = []
+    found: list[Variant] = []
     for name, table in _tables(file).items():
         chosen = table.get("method", method)
         if chosen not in list(METHODS):  # a list in the file cannot be looked up in a dict
