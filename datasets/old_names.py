@@ -73,7 +73,6 @@ CONFIG: dict[str, dict[str, New]] = {
         "spell": "noise_hold_steps",
         "bold_share": "high_noise_fraction",
     },
-    "NetworkConfig": {"learn_std": Removed(False)},
     "LatentConfig": {
         "wander": "random_walk_step_size",
         "wander_steps": "random_walk_steps",

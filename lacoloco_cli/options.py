@@ -22,7 +22,11 @@ Run = Annotated[
 ]
 Preset = Annotated[
     str,
-    _option("--preset", metavar="NAME", help="Size of the work: smoke, laptop, gpu or paper."),
+    _option(
+        "--preset",
+        metavar="NAME",
+        help="Size of the work: smoke, laptop, gpu or paper; paper-method: without what is ours.",
+    ),
 ]
 Set = Annotated[
     list[str] | None,

@@ -79,6 +79,7 @@ PRESETS: dict[str, Callable[[], EvalConfig]] = {
     "laptop": lambda: EvalConfig(),
     "gpu": lambda: EvalConfig(worlds=4096),
     "paper": lambda: EvalConfig(worlds=4096),
+    "paper-method": lambda: EvalConfig(),
 }
 
 

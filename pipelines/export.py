@@ -43,7 +43,7 @@ class ExportConfig:
 PRESETS: dict[str, Callable[[], ExportConfig]] = {
     "smoke": lambda: ExportConfig(random_rows=8, recorded_seconds=0.2),
     # What follows is no larger for a policy that learned longer.
-    **dict.fromkeys(("laptop", "gpu", "paper"), ExportConfig),
+    **dict.fromkeys(("laptop", "gpu", "paper", "paper-method"), ExportConfig),
 }
 
 

@@ -68,6 +68,7 @@ PRESETS: dict[str, Callable[[], GenerateConfig]] = {
     "laptop": laptop,
     "gpu": gpu,
     "paper": paper,
+    "paper-method": laptop,
 }
 
 

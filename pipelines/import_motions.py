@@ -23,7 +23,7 @@ from lacoloco.robots.registry import load_robot
 
 STAGE = "import"
 PRESETS: dict[str, Callable[[], ImportConfig]] = dict.fromkeys(
-    ("smoke", "laptop", "gpu", "paper"), ImportConfig
+    ("smoke", "laptop", "gpu", "paper", "paper-method"), ImportConfig
 )
 
 

@@ -69,6 +69,7 @@ PRESETS: dict[str, Callable[[], PlaybackConfig]] = {
     "laptop": laptop,
     "gpu": laptop,
     "paper": laptop,
+    "paper-method": laptop,
 }
 
 

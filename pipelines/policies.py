@@ -20,7 +20,7 @@ from lacoloco.datasets.lineage import lineage
 from lacoloco.datasets.old_names import translated
 from lacoloco.datasets.state import flatten_state, unflatten_state
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
+from lacoloco.pipelines.learn.networks import LATENT, NetworkConfig, make_actor
 from lacoloco.pipelines.robot import record_of
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.hierarchical_env import LatentSteeredEnv
@@ -193,10 +193,18 @@ def _check_size(head: Head, state: dict[str, torch.Tensor]) -> None:
         ValueError: It has.
     """
     widths = [sum(head.sizes.values()), *head.networks.actor, head.actions]
-    weights = sum(first * second for first, second in zip(widths, widths[1:], strict=False))
+    weights = _weights(widths)
+    if head.networks.style:
+        latent = head.sizes.get(LATENT, 0)
+        weights += _weights([latent, *head.networks.style, latent])
     there = sum(value.numel() for value in state.values())
     if weights > there:
         raise ValueError(f"a network of {weights} weights, of which {there} are stored")
+
+
+def _weights(widths: Sequence[int]) -> int:
+    """Of the matrices of a network with layers of these widths."""
+    return sum(first * second for first, second in zip(widths, widths[1:], strict=False))
 
 
 def _restored(head: Head, state: dict[str, torch.Tensor], device: str) -> Policy:

@@ -84,6 +84,7 @@ PRESETS: dict[str, Callable[[], TrackConfig]] = {
     "laptop": laptop,
     "gpu": gpu,
     "paper": gpu,
+    "paper-method": laptop,
 }
 
 

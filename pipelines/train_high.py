@@ -21,6 +21,7 @@ from lacoloco.pipelines.high_level.config import (
     SkillDynamicsConfig,
     TrainHighConfig,
 )
+from lacoloco.pipelines.high_level.paper_method import paper_method
 from lacoloco.pipelines.high_level.trainer import HighTrainer
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.networks import NetworkConfig
@@ -76,6 +77,7 @@ PRESETS: dict[str, Callable[[], TrainHighConfig]] = {
     "laptop": laptop,
     "gpu": gpu,
     "paper": paper,
+    "paper-method": paper_method,
 }
 
 

@@ -21,6 +21,7 @@ from lacoloco.pipelines.learn.ase import AseConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
 from lacoloco.pipelines.low_level.config import TrainLowConfig
+from lacoloco.pipelines.low_level.paper_method import paper_method
 from lacoloco.pipelines.low_level.trainer import LowTrainer
 from lacoloco.pipelines.policies import Policy, load_policies, save_policies
 from lacoloco.pipelines.robot import Say, record_of, robot_of_all
@@ -105,6 +106,7 @@ PRESETS: dict[str, Callable[[], TrainLowConfig]] = {
     "laptop": laptop,
     "gpu": gpu,
     "paper": paper,
+    "paper-method": paper_method,
 }
 
 

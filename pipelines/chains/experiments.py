@@ -45,7 +45,7 @@ class Experiment:
             well in the end.
         settings: verb -> fields of its config that are not the preset's.
         recipe: the same with dotted names, for all presets but ``smoke``, which stays as small as
-            it is.
+            it is, and in trainings ``paper-method``, which is another recipe.
         start_from: names of published policies; the chain begins with the low level of the first
             that there is.
     """

@@ -12,6 +12,9 @@ from lacoloco.pipelines.chains.experiments import METHODS, STAGES, Experiment, k
 Settings = Mapping[str, Mapping[str, Any]]
 """Verb -> dotted path of a field of its config -> value."""
 
+METHOD_STAGES = ("train-low", "train-high")
+"""Whose recipe is this project's: under ``paper-method`` they get the paper's method instead."""
+
 
 def before_high(experiment: Experiment) -> tuple[str, ...]:
     """The stages that a published low level replaces."""
@@ -32,7 +35,7 @@ def config_of(experiment: Experiment, verb: str, *, preset: str, method: str) ->
     module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
     config = known(module.PRESETS, preset, "preset")()
     config = replace(config, **experiment.settings.get(verb, {}))
-    if preset != "smoke":
+    if preset != "smoke" and not (preset == "paper-method" and verb in METHOD_STAGES):
         config = changed(config, experiment.recipe.get(verb, {}))
     if verb == "train-low":
         discriminator, constrained = known(METHODS, method, "method")

@@ -69,6 +69,7 @@ class TrainHighConfig:
         skill_dynamics: Pretraining on what random latents do.
         critic_warmup: Share of the training in which only the critic learns.
         reward_scale: Factor on the task's reward.
+        shaped: Whether a task's reward for progress towards its target counts. The paper has none.
         fall_penalty: Taken from the scaled reward by a fall. The lost future alone is worth little
             far from the target, where most falls happen.
         contact_force_penalty: Taken from the scaled reward, per share of the foot-substeps above
@@ -102,6 +103,7 @@ class TrainHighConfig:
     skill_dynamics: SkillDynamicsConfig = field(default_factory=SkillDynamicsConfig)
     critic_warmup: Share = 0.02
     reward_scale: PositiveFactor = 10.0
+    shaped: bool = True
     fall_penalty: Factor = 2.0
     contact_force_penalty: Factor | None = None
     contact_force_penalty_ramp: Ramp = (0.2, 0.5)

@@ -15,7 +15,7 @@ from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.cat import ramp
 from lacoloco.pipelines.learn.latents import latent_usage, project
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
-from lacoloco.pipelines.learn.networks import annealed, geometric, set_std
+from lacoloco.pipelines.learn.networks import annealed, geometric, mean_std, set_std
 from lacoloco.pipelines.learn.ppo import Ppo
 from lacoloco.pipelines.masking import perhaps_any
 from lacoloco.pipelines.policies import Head, Policy
@@ -31,6 +31,8 @@ from lacoloco.pipelines.training.pretraining import PretrainingLog
 from lacoloco.robots.spec import RobotSpec
 
 POLICY = "policy"
+SHAPING = "progress"
+"""The reward that shapes; see :mod:`lacoloco.pipelines.sim.rewards`."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class HighTrainer:
         task = replace(
             task,
             command=command,
+            rewards=tuple(term for term in task.rewards if config.shaped or term.name != SHAPING),
             randomisation=widened(task.randomisation, config.randomisation),
             reset=replace(task.reset, stood_s=config.stood_s),
             fall_tilt=spec.terminations.training_tilt,
@@ -163,7 +166,9 @@ class HighTrainer:
         obs, accumulator = self._rollout(settings)
         self.restarts.redraw_new()
         metrics = self._update(obs)
-        return metrics | self._rollout_metrics(accumulator) | {"std": settings.std}
+        return (
+            metrics | self._rollout_metrics(accumulator) | {"std": mean_std(self.algorithm.actor)}
+        )
 
     def _schedule(self, progress: float) -> Settings:
         """Settings of one iteration; those of the learner are set."""

@@ -19,11 +19,11 @@ from lacoloco.pipelines.learn.drail import DrailConfig, DrailDiscriminator
 from lacoloco.pipelines.learn.encoder import SkillEncoder, cosine, encoder_loss, encoder_reward
 from lacoloco.pipelines.learn.gan import GanConfig, GanDiscriminator
 from lacoloco.pipelines.learn.latents import project
-from lacoloco.pipelines.learn.networks import NetworkConfig
+from lacoloco.pipelines.learn.networks import LATENT, Activation, NetworkConfig
 from lacoloco.pipelines.learn.ppo import EXPLORE, Ppo, PpoConfig
 from lacoloco.pipelines.learn.replay import ReplayBuffer
 
-POLICY, LATENT = "policy", "latent"
+POLICY = "policy"
 DIVERSITY_SHARE = 0.25
 """Share of a minibatch that the diversity loss looks at: it costs a further pass of the actor."""
 REWARDED_AT_ONCE = 2048
@@ -45,6 +45,7 @@ class AseConfig:
         gan: Settings of the GAN discriminator.
         drail: Settings of the diffusion discriminator.
         encoder_hidden: Widths of the encoder's hidden layers.
+        encoder_activation: Name of their activation function.
         reward_scale: Factor on the whole style reward. It keeps returns near 1 without a value
             normaliser.
         imitation_weight: Weight of the discriminator's reward.
@@ -68,6 +69,7 @@ class AseConfig:
     gan: GanConfig = field(default_factory=GanConfig)
     drail: DrailConfig = field(default_factory=DrailConfig)
     encoder_hidden: Widths = (256, 128)
+    encoder_activation: Activation = "elu"
     reward_scale: Factor = 0.1
     imitation_weight: Factor = 1.0
     encoder_weight: Factor = 0.3
@@ -109,7 +111,7 @@ class Ase(Ppo):
         dim = demonstrations(1).shape[-1]
         self.normalizer = TransitionNormalizer(dim // 2).to(device)
         self.discriminator = _discriminator(dim, ase).to(device)
-        self.encoder = SkillEncoder(dim, sizes[LATENT], ase.encoder_hidden).to(device)
+        self.encoder = _encoder(dim, sizes[LATENT], ase, self.discriminator).to(device)
         parallel.copy_from_first(self.discriminator, self.encoder)
         self.discriminator_optimizer = _adam(self.discriminator, ase.learning_rate)
         self.encoder_optimizer = _adam(self.encoder, ase.encoder_learning_rate)
@@ -277,7 +279,7 @@ class Ase(Ppo):
         accuracy = parallel.average(0.5 * (metrics["agent_accuracy"] + metrics["demo_accuracy"]))
         # A factor, not a branch: nothing waits for the device, and all processes take the same
         # steps.
-        learns = accuracy < self.discriminator.config.max_accuracy
+        learns = accuracy <= self.discriminator.config.max_accuracy
         _descend(self.discriminator_optimizer, loss * learns)
         return {**metrics, "discriminator": loss.detach()}
 
@@ -303,6 +305,14 @@ class Ase(Ppo):
 def _discriminator(dim: int, ase: AseConfig) -> GanDiscriminator | DrailDiscriminator:
     kind = {"gan": GanDiscriminator, "drail": DrailDiscriminator}[ase.discriminator]
     return kind(dim, getattr(ase, ase.discriminator))
+
+
+def _encoder(
+    dim: int, latent_dim: int, ase: AseConfig, discriminator: GanDiscriminator | DrailDiscriminator
+) -> SkillEncoder:
+    shares = isinstance(discriminator, GanDiscriminator) and ase.gan.encoder_shares
+    trunk = discriminator.mlp if shares else None
+    return SkillEncoder(dim, latent_dim, ase.encoder_hidden, ase.encoder_activation, trunk)
 
 
 def _minibatch(order: torch.Tensor, index: int, size: int) -> torch.Tensor:

@@ -4,9 +4,14 @@ section III-B).
 
 from __future__ import annotations
 
+from typing import Literal
+
 import torch
 
 from lacoloco.pipelines.learn import parallel
+
+Scale = Literal["mean", "maximum"]
+"""What a violation is compared with: the typical one, or the largest of a batch."""
 
 
 class SoftTerminations:
@@ -57,6 +62,9 @@ class SoftTerminations:
         ).clamp_min(1e-6)
         return self.c_max[name]
 
+    def end_batch(self) -> None:
+        """A rollout has been recorded; here the scale follows every step."""
+
     def state_dict(self) -> dict[str, torch.Tensor]:
         """``c_max`` by constraint name."""
         return dict(self.c_max)
@@ -64,6 +72,36 @@ class SoftTerminations:
     def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
         """Restore :meth:`state_dict`."""
         self.c_max = dict(state)
+
+
+class BatchMaximum(SoftTerminations):
+    """The paper's text: c_max is the largest violation of the last batch of experience.
+
+    In the first batch it is the largest so far. State is complete between batches only.
+    """
+
+    def __init__(self, max_p: dict[str, float]) -> None:
+        """Begin without a batch."""
+        super().__init__(max_p)
+        self._largest: dict[str, torch.Tensor] = {}
+
+    def end_batch(self) -> None:
+        """What was largest in this rollout is the scale of the next one."""
+        self.c_max = {
+            name: parallel.maximum(largest).clamp_min(1e-6)
+            for name, largest in self._largest.items()
+        }
+        self._largest = {}
+
+    def _track(self, name: str, positive: torch.Tensor) -> torch.Tensor:
+        now = positive.amax(dim=0)
+        self._largest[name] = torch.maximum(now, self._largest.get(name, now))
+        return self.c_max.get(name, self._largest[name]).clamp_min(1e-6)
+
+
+def soft_terminations(max_p: dict[str, float], scale: Scale) -> SoftTerminations:
+    """Those of a scale."""
+    return SoftTerminations(max_p) if scale == "mean" else BatchMaximum(max_p)
 
 
 def terminated(reward: torch.Tensor, delta: torch.Tensor) -> torch.Tensor:

@@ -17,11 +17,29 @@ class SkillEncoder(nn.Module):
     """
 
     def __init__(
-        self, transition_dim: int, latent_dim: int, hidden: tuple[int, ...] = (256, 128)
+        self,
+        transition_dim: int,
+        latent_dim: int,
+        hidden: tuple[int, ...] = (256, 128),
+        activation: str = "elu",
+        trunk: nn.Sequential | None = None,
     ) -> None:
-        """Build an ELU MLP whose output is projected to the sphere."""
+        """Build an MLP whose output is projected to the sphere.
+
+        Args:
+            transition_dim: 2F.
+            latent_dim: Width of a latent.
+            hidden: Widths of the hidden layers.
+            activation: rsl_rl's name of their activation function.
+            trunk: Another network, whose hidden layers are taken instead: the same weights, which
+                both then train. It ends in a linear layer.
+        """
         super().__init__()
-        self.mlp = MLP(transition_dim, latent_dim, list(hidden), "elu")
+        self.mlp: nn.Module = MLP(transition_dim, latent_dim, list(hidden), activation)
+        if trunk is not None:
+            self.mlp = nn.Sequential(
+                *list(trunk)[:-1], nn.Linear(trunk[-1].in_features, latent_dim)
+            )
 
     def forward(self, transition: torch.Tensor) -> torch.Tensor:
         """(n, 2F) normalised transitions -> (n, dim) unit vectors."""

@@ -11,6 +11,7 @@ from torch import nn
 
 from lacoloco.datasets.config_values import Factor, Share, Widths, Within
 from lacoloco.pipelines.learn.discriminator import classification
+from lacoloco.pipelines.learn.networks import Activation
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,9 @@ class GanConfig:
 
     Attributes:
         hidden: Widths of the hidden layers.
+        activation: Name of the activation function.
+        encoder_shares: Whether the skill encoder is a second last layer on these hidden layers, as
+            in ASE. ``ase.encoder_hidden`` then has no meaning.
         noise: Standard deviation of the instance noise (Arjovsky & Bottou, 2017) on normalised
             transitions of both kinds. Without it exploration noise alone tells the policy from a
             demonstration.
@@ -32,6 +36,8 @@ class GanConfig:
     """
 
     hidden: Widths = (256, 128)
+    activation: Activation = "elu"
+    encoder_shares: bool = False
     noise: Annotated[float, Within(0, 1000)] = 1.0
     samples: Annotated[int, Within(1, 1000)] = 4
     gradient_penalty: Factor = 0.02
@@ -48,7 +54,7 @@ class GanDiscriminator(nn.Module):
         """Build the network for transitions of ``transition_dim`` = 2F numbers."""
         super().__init__()
         self.config = config
-        self.mlp = MLP(transition_dim, 1, list(config.hidden), "elu")
+        self.mlp = MLP(transition_dim, 1, list(config.hidden), config.activation)
 
     def logits(self, transition: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         """(n, 2F) normalised transitions -> (n,) log-odds."""

@@ -5,19 +5,23 @@ module.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
+from torch import nn
 
-from lacoloco.datasets.config_values import Std, Widths
+from lacoloco.datasets.config_values import Length, Std, Widths, Within
 from lacoloco.pipelines.learn.cat import ramp
+from lacoloco.pipelines.learn.style import StyleInput
 
 Activation = Literal[
     "elu", "selu", "relu", "crelu", "lrelu", "tanh", "sigmoid", "softplus", "gelu", "swish", "mish"
 ]
 """rsl_rl's names of activation functions."""
+LATENT = "latent"
+"""The observation group with the latent."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +33,20 @@ class NetworkConfig:
         critic: Widths of the critic's hidden layers.
         activation: Name of the activation function.
         init_std: First standard deviation of the exploration noise [raw action units].
+        learn_std: Whether the actor's optimiser also moves that standard deviation, one per action.
+            It then follows no schedule.
+        style: Widths of the hidden layers between a latent and the actor, see
+            :class:`~lacoloco.pipelines.learn.style.StyleInput`. Empty: the actor sees the latent.
+        bounded_mean: Whether the mean action passes a tanh.
     """
 
     actor: Widths = (256, 128, 64)
     critic: Widths = (256, 128, 64)
     activation: Activation = "elu"
     init_std: Std = 0.35
+    learn_std: bool = False
+    style: Annotated[tuple[int, ...], Length(0, 8), Within(1, 4096)] = ()
+    bounded_mean: bool = False
 
 
 def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> MLPModel:
@@ -48,13 +60,20 @@ def make_actor(sizes: dict[str, int], actions: int, config: NetworkConfig) -> ML
         "class_name": "GaussianDistribution",
         "init_std": config.init_std,
         "std_type": "log",
-        "learn_std": False,
+        "learn_std": config.learn_std,
     }
     actor = _model(sizes, actions, config.actor, config.activation, distribution)
     with torch.no_grad():
         # Begin with the default pose: a random offset per joint is one more thing to unlearn.
         actor.mlp[-1].weight.mul_(0.05)
         actor.mlp[-1].bias.zero_()
+    if config.style and LATENT in sizes:
+        columns = list(sizes).index(LATENT)
+        first = sum(list(sizes.values())[:columns])
+        style = StyleInput(first, sizes[LATENT], config.style, config.activation)
+        actor.mlp = nn.Sequential(style, *actor.mlp)
+    if config.bounded_mean:
+        actor.mlp.append(nn.Tanh())
     return actor
 
 
@@ -71,9 +90,16 @@ def example(sizes: dict[str, int], count: int = 1) -> TensorDict:
 
 
 def set_std(actor: MLPModel, std: float) -> None:
-    """Set the exploration std of every action."""
+    """Set the exploration std of every action, if it is not learned."""
+    if actor.distribution.log_std_param.requires_grad:
+        return
     with torch.no_grad():
         actor.distribution.log_std_param.fill_(float(torch.tensor(std).log()))
+
+
+def mean_std(actor: MLPModel) -> float:
+    """Exploration std, the mean over the actions [raw action units]."""
+    return float(actor.distribution.log_std_param.detach().exp().mean())
 
 
 def geometric(ends: tuple[float, float], share: float) -> float:

@@ -18,6 +18,7 @@ from lacoloco.datasets.config_values import (
     Worlds,
 )
 from lacoloco.pipelines.learn.ase import AseConfig
+from lacoloco.pipelines.learn.cat import Scale
 from lacoloco.pipelines.learn.latents import LatentConfig
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
@@ -34,6 +35,8 @@ class TrainLowConfig:
         samples: Control steps of the whole training, over all worlds.
         cat: Constrain the foot forces (Constraints as Terminations).
         cat_ramp: Shares of the training between which the constraint rises to full strength.
+        cat_scale: What the worst violation of a step is compared with, c_max: a running mean of the
+            violations, or the largest of the last rollout, as in the paper.
         clip_share: Share of resets that start inside a clip.
         episode_s: Time-out of an episode [s]. The original's code has 10 s. A policy that cannot
             walk yet leaves a clip's motion within tenths of a second, and learns to stay in it
@@ -89,6 +92,7 @@ class TrainLowConfig:
     samples: Steps = 6_000_000
     cat: bool = True
     cat_ramp: Ramp = (0.3, 0.5)
+    cat_scale: Scale = "mean"
     clip_share: Share = 0.7
     episode_s: Annotated[float, Within(0.02, 3600)] = 2.0
     long_horizon_fraction: Share = 0.5

@@ -14,10 +14,10 @@ from lacoloco.pipelines.evaluation.robustness import latent_switching_robustness
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase
 from lacoloco.pipelines.learn.behaviour_cloning import CloningData
-from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
+from lacoloco.pipelines.learn.cat import ramp, soft_terminations
 from lacoloco.pipelines.learn.latents import LatentSchedule
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
-from lacoloco.pipelines.learn.networks import annealed, set_std
+from lacoloco.pipelines.learn.networks import annealed, mean_std, set_std
 from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
 from lacoloco.pipelines.low_level.cell_balance import balanced
 from lacoloco.pipelines.low_level.checkpoint_selection import Selection
@@ -91,7 +91,9 @@ class LowTrainer:
             torch.arange(config.worlds, device=device)
             < config.long_horizon_fraction * config.worlds
         )
-        self.terminations = SoftTerminations({c.name: c.max_p for c in self.env.task.constraints})
+        self.terminations = soft_terminations(
+            {c.name: c.max_p for c in self.env.task.constraints}, config.cat_scale
+        )
         self.generator = torch.Generator(device).manual_seed(seed + 2)
         sizes = {POLICY: width(self.env.terms), LATENT: config.latents.dim}
         self.algorithm = Ase(
@@ -259,6 +261,7 @@ class LowTrainer:
             )
             self.latents.z = self.restarts.reset(step.done, step.fell, start=self._start_episodes)
             frame, obs = env.frame(), self._observe()
+        self.terminations.end_batch()
         return obs, accumulator
 
     def _start_episodes(self, done: torch.Tensor) -> torch.Tensor:
@@ -278,7 +281,7 @@ class LowTrainer:
                 f"c_max_{name}": float(worst.max())
                 for name, worst in self.terminations.c_max.items()
             },
-            "std": self.config.exploration_std,
+            "std": mean_std(self.algorithm.actor),
         }
 
     def _lengthen_episodes(self) -> None:

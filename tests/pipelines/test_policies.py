@@ -10,6 +10,7 @@ from lacoloco.datasets import published
 from lacoloco.datasets.artifact import read_artifact, write_artifact
 from lacoloco.datasets.errors import ArtifactError
 from lacoloco.datasets.store import RunStore
+from lacoloco.pipelines.exporting.onnx_files import largest_difference, write_onnx
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.policies import Head, Policy, load_policies, save_policies
 from lacoloco.pipelines.stage import StageContext
@@ -17,8 +18,9 @@ from lacoloco.pipelines.stage import StageContext
 
 @pytest.fixture
 def make_policy():
-    def factory(role, sizes, actions):
-        networks = NetworkConfig(actor=(16, 8), critic=(4,))
+    usual = NetworkConfig(actor=(16, 8), critic=(4,))
+
+    def factory(role, sizes, actions, networks=usual):
         layout = [{"name": "base_height", "slice": [0, 1], "unit": "m", "frame": "world"}]
         actor = make_actor(sizes, actions, networks)
         example = {name: 3.0 + 2.0 * torch.randn(200, size) for name, size in sizes.items()}
@@ -156,3 +158,34 @@ def test_stored_networks_are_checked_before_they_are_built(path, tmp_path, place
     with pytest.raises(ArtifactError, match="do not fit together") as caught:
         load_policies(altered)
     assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_style_network_and_a_learned_std_are_kept_and_exported(make_policy, solo12, tmp_path):
+    """And the tanh of a high level's mean."""
+    style = NetworkConfig(actor=(16,), critic=(4,), style=(12, 6), learn_std=True)
+    low = make_policy("low", {"policy": 6, "latent": 3}, 4, style)
+    high = make_policy("high", {"policy": 5}, 3, NetworkConfig(actor=(8,), bounded_mean=True))
+    with torch.no_grad():
+        low.actor.distribution.log_std_param.copy_(torch.tensor([-1.0, -2.0, -3.0, -4.0]))
+    context = StageContext(RunStore(tmp_path), "run", seed=5, command="lacoloco train-high")
+    path = save_policies(
+        tmp_path / "artifact.h5",
+        [low, high],
+        spec=solo12,
+        context=context,
+        config={},
+        parents=[],
+        metrics={},
+    )
+    loaded = load_policies(path, "low", "high")[1]
+    kept = loaded["low"].actor.distribution.log_std_param
+    assert kept.tolist() == [-1.0, -2.0, -3.0, -4.0]
+    for policy in (low, high):
+        groups = tuple(torch.randn(9, size) for size in policy.head.sizes.values())
+        again = loaded[policy.head.role]
+        assert again.head == policy.head and torch.equal(again(*groups), policy(*groups))
+        output = {"levels": {policy.head.role: {"output": "out"}}}
+        file = tmp_path / f"{policy.head.role}.onnx"
+        write_onnx(again, file, output, opset=18)
+        recorded = tuple(group.numpy() for group in groups)
+        assert largest_difference(again, file, recorded, rows=8, seed=0) < 1e-5

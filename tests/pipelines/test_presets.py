@@ -6,12 +6,13 @@ from importlib import import_module
 import pytest
 
 from lacoloco.pipelines import generate, train_high, train_low
-from lacoloco.pipelines.chains.experiments import STAGES
+from lacoloco.pipelines.chains.experiments import EXPERIMENTS, STAGES
+from lacoloco.pipelines.chains.stage_configs import config_of
 from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 
 
 @pytest.mark.parametrize("module", STAGES.values())
-@pytest.mark.parametrize("preset", ["smoke", "laptop", "gpu", "paper"])
+@pytest.mark.parametrize("preset", ["smoke", "laptop", "gpu", "paper", "paper-method"])
 def test_an_experiment_finds_every_size_in_every_stage(module, preset):
     presets = import_module(f"lacoloco.pipelines.{module}").PRESETS
     assert presets[preset]() == presets[preset](), "a preset is data"
@@ -54,3 +55,27 @@ def test_wide_presets_change_sizes_only(stage):
         assert replace(wide, **kept) == small
         assert replace(wide.ppo, **steps) == small.ppo
         assert wide.ppo != small.ppo
+
+
+def test_the_papers_method_has_its_rates_and_no_part_of_ours():
+    low, high = train_low.PRESETS["paper-method"](), train_high.PRESETS["paper-method"]()
+    for ppo in (low.ppo, high.ppo):
+        assert {ppo.learning_rate, ppo.min_learning_rate, ppo.max_learning_rate} == {2e-5}
+        assert ppo.critic_learning_rate == 2e-5
+    iterations = [round(2 * share * 7000) for share in low.cat_ramp]
+    assert iterations == [10_000, 11_875]
+    assert (low.bc_steps, low.restart_probability, low.long_horizon_fraction) == (0, 0, 0)
+    assert low.choose_from == 1.0, "only the last policy is a candidate"
+    assert (high.skill_dynamics.rounds, high.restart_probability, high.shaped) == (0, 0, False)
+    assert (low.latents.min_steps, low.latents.max_steps) == (1, 149)
+
+
+@pytest.mark.parametrize("verb", ["train-low", "train-high"])
+def test_an_experiments_recipe_does_not_change_the_papers_method(verb):
+    """The H1's recipe clones its low level; its motions keep the recipe of every preset."""
+    stage = {"train-low": train_low, "train-high": train_high}[verb]
+    method = "drail-cat"
+    config = config_of(EXPERIMENTS["h1-synthetic"], verb, preset="paper-method", method=method)
+    assert config == stage.PRESETS["paper-method"]()
+    laptop = config_of(EXPERIMENTS["h1-synthetic"], verb, preset="laptop", method=method)
+    assert laptop != stage.PRESETS["laptop"]()

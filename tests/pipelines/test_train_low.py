@@ -194,7 +194,7 @@ def test_without_constraints_nothing_is_terminated_softly(make_trainer):
 def test_the_exploration_noise_is_the_config_s(make_trainer):
     trainer = make_trainer(exploration_std=0.2)
     for progress in (0.0, 1.0):
-        assert trainer.iterate(progress)["std"] == 0.2
+        assert trainer.iterate(progress)["std"] == pytest.approx(0.2)
         std = trainer.algorithm.actor.distribution.log_std_param.exp()
         assert torch.allclose(std, torch.tensor(0.2))
 
@@ -268,3 +268,27 @@ def test_what_is_cloned_begins_where_clips_begin_more_often_than_it_would(solo12
     rows = trainer._cloned(400)
     at_the_beginning = torch.isin(rows, trainer.clips.first).float().mean()
     assert 0.25 <= at_the_beginning < 0.3
+
+
+def test_the_papers_method_learns_its_std_and_starts_where_it_was(solo12, motions):
+    """Its parts together, with smaller networks: shared layers, style, learned std, c_max."""
+    config = train_low.PRESETS["paper-method"]()
+    gan = replace(config.ase.gan, hidden=(16, 8))
+    ase = replace(config.ase, discriminator="gan", gan=gan, updates=2, batch=32)
+    ppo = replace(config.ppo, horizon=8, epochs=1, minibatches=1)
+    config = replace(
+        config, worlds=16, samples=256, coverage_every=0, coverage_latents=16, cat_ramp=(0.0, 0.0)
+    )
+    config = replace(config, ase=ase, ppo=ppo, networks=replace(config.networks, actor=(8,)))
+    first, second = (
+        LowTrainer(solo12, motions, config, seed=seed, device="cpu") for seed in (0, 1)
+    )
+    begin = first.iterate(0.0)["std"]
+    assert begin == pytest.approx(0.055, rel=0.01) and begin != config.networks.init_std
+    second.load_state_dict(first.state_dict())
+    assert torch.equal(
+        second.terminations.c_max["foot_force"],
+        first.terminations.c_max["foot_force"],
+    )
+    policies = [trainer.algorithm.actor.state_dict() for trainer in (first, second)]
+    assert all(torch.equal(value, policies[1][name]) for name, value in policies[0].items())

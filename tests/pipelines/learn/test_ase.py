@@ -9,6 +9,7 @@ import torch
 from tensordict import TensorDict
 
 from lacoloco.pipelines.learn.ase import Ase, AseConfig
+from lacoloco.pipelines.learn.gan import GanConfig
 from lacoloco.pipelines.learn.latents import project
 from lacoloco.pipelines.learn.networks import NetworkConfig
 from lacoloco.pipelines.learn.ppo import PpoConfig
@@ -349,3 +350,35 @@ def test_a_rollout_too_small_for_its_share_is_remembered_all_the_same(make_ase):
     ase.compute_returns(fill(ase, frames=lambda step: torch.zeros(WORLDS, 2)))
     ase.update()
     assert ase.replay.size == 1
+
+
+def shared(make_ase, **options):
+    gan = GanConfig(hidden=(16, 8), activation="relu", encoder_shares=True, max_accuracy=1.0)
+    return make_ase(discriminator="gan", gan=gan, **options)
+
+
+def test_discriminator_and_encoder_share_their_hidden_layers(make_ase):
+    ase = shared(make_ase)
+    trunk = ase.discriminator.mlp[0].weight
+    assert ase.encoder.mlp[0].weight is trunk and ase.encoder.mlp[2] is ase.discriminator.mlp[2]
+    assert ase.encoder(torch.randn(5, 4)).shape == (5, LATENT)
+    before, head = trunk.detach().clone(), ase.discriminator.mlp[-1].weight.detach().clone()
+    ase._update_encoder(torch.randn(8, 4), project(torch.randn(8, LATENT)))
+    assert not torch.equal(trunk, before), "the encoder's loss trains the shared layers"
+    assert torch.equal(ase.discriminator.mlp[-1].weight, head), "but not the other's last layer"
+
+
+def test_a_checkpoint_restores_layers_that_are_shared(make_ase):
+    first, second = shared(make_ase), shared(make_ase, seed=1)
+    first.compute_returns(fill(first))
+    first.update()
+    second.load(copy.deepcopy(first.save()))
+    rows = torch.randn(6, 4)
+    assert torch.equal(first.encoder(rows), second.encoder(rows))
+    assert torch.equal(first.discriminator.mlp(rows), second.discriminator.mlp(rows))
+    assert second.encoder.mlp[0].weight is second.discriminator.mlp[0].weight
+
+
+def test_drail_has_no_layers_to_share(make_ase):
+    ase = make_ase(discriminator="drail", gan=GanConfig(encoder_shares=True), encoder_hidden=(6,))
+    assert ase.encoder.mlp[0].out_features == 6

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lacoloco.pipelines.learn.cat import SoftTerminations, ramp, terminated
+from lacoloco.pipelines.learn.cat import SoftTerminations, ramp, soft_terminations, terminated
 
 
 def margins(*rows):
@@ -96,3 +96,22 @@ def test_a_violation_never_pays():
     reward, delta = torch.tensor([2.0, -2.0, 0.0, -2.0]), torch.tensor([0.5, 0.5, 0.5, 0.0])
     assert terminated(reward, delta).tolist() == [1.0, -2.0, 0.0, -2.0]
     assert (terminated(reward, torch.ones(4)) <= terminated(reward, torch.zeros(4))).all()
+
+
+def test_by_the_papers_text_the_scale_is_the_largest_of_the_last_batch():
+    terminations = soft_terminations({"force": 0.2}, "maximum")
+    assert terminations(margins([4.0], [2.0]), 1.0).tolist() == pytest.approx([0.2, 0.1])
+    assert terminations(margins([1.0], [8.0]), 1.0).tolist() == pytest.approx([0.025, 0.2])
+    terminations.end_batch()
+    restored = soft_terminations({"force": 0.2}, "maximum")
+    restored.load_state_dict(terminations.state_dict())
+    assert restored(margins([2.0], [40.0]), 1.0).tolist() == pytest.approx([0.05, 0.2])
+    restored.end_batch()
+    assert restored(margins([2.0], [40.0]), 1.0).tolist() == pytest.approx([0.01, 0.2])
+
+
+def test_the_usual_scale_knows_no_batches():
+    terminations = soft_terminations({"force": 0.2}, "mean")
+    terminations(margins([10.0]), 1.0)
+    terminations.end_batch()
+    assert terminations.c_max["force"].tolist() == [10.0]

@@ -7,6 +7,7 @@ from lacoloco.pipelines.learn.networks import (
     geometric,
     make_actor,
     make_critic,
+    mean_std,
     set_std,
 )
 
@@ -42,3 +43,32 @@ def test_the_std_is_not_learned():
 )
 def test_geometric_interpolation(share, expected):
     assert geometric((0.4, 0.1), share) == pytest.approx(expected)
+
+
+STYLED = NetworkConfig(actor=(8,), critic=(8,), style=(16,), learn_std=True)
+
+
+def test_the_actor_sees_a_style_where_the_latent_was():
+    actor = make_actor({"policy": 5, "latent": 3, "more": 2}, 2, STYLED)
+    seen = torch.randn(4, 10)
+    style = actor.mlp[0](seen)
+    assert torch.equal(style[:, :5], seen[:, :5]) and torch.equal(style[:, 8:], seen[:, 8:])
+    assert (style[:, 5:8].abs() < 1.0).all() and not torch.allclose(style[:, 5:8], seen[:, 5:8])
+    assert torch.equal(style[:, 5:8], actor.mlp[0].mlp(seen[:, 5:8])), "of the latent alone"
+    obs = {"policy": seen[:, :5], "latent": seen[:, 5:8], "more": seen[:, 8:]}
+    actor(obs).square().sum().backward()
+    assert actor.mlp[0].mlp[0].weight.grad.abs().sum() > 0.0
+
+
+def test_a_learned_std_follows_no_schedule():
+    actor = make_actor(SIZES, 2, STYLED)
+    set_std(actor, 0.01)
+    assert mean_std(actor) == pytest.approx(STYLED.init_std)
+    assert actor.distribution.log_std_param.requires_grad
+
+
+def test_a_bounded_mean_stays_within_one():
+    actor = make_actor(SIZES, 2, NetworkConfig(actor=(8,), bounded_mean=True))
+    with torch.no_grad():
+        actor.mlp[-2].bias.copy_(torch.tensor([100.0, -100.0]))
+    assert actor(example(SIZES, 1)).tolist() == [[1.0, -1.0]]

@@ -1,6 +1,7 @@
 """PPO: what it records, what it learns from, and from whom."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -325,3 +326,17 @@ def test_a_critic_may_see_more_than_its_actor(make_ppo, observe):
     for net, weight in zip((ppo.actor, ppo.critic), before, strict=True):
         assert not torch.equal(net.mlp[0].weight, weight)
     assert ppo.critic.obs_dim == 5 and ppo.actor.obs_dim == 3
+
+
+@pytest.mark.parametrize("learned", [True, False])
+def test_the_std_moves_with_the_actor_only_if_it_is_learned(make_ppo, observe, learned):
+    ppo = make_ppo(networks=replace(NETWORKS, learn_std=learned))
+    ppo.compute_returns(fill(ppo, observe))
+    ppo.storage.advantages[..., 0] = torch.tensor([1.0, -1.0, 0.5, -0.5])
+    before = ppo.actor.distribution.log_std_param.detach().clone()
+    ppo.update()
+    after = ppo.actor.distribution.log_std_param.detach()
+    assert (after != before).all() == learned and torch.equal(after, before) != learned
+    again = make_ppo(networks=replace(NETWORKS, learn_std=learned))
+    again.load(ppo.save())
+    assert torch.equal(again.actor.distribution.log_std_param, after), "a checkpoint carries it"
