@@ -310,8 +310,9 @@ def _discriminator(dim: int, ase: AseConfig) -> GanDiscriminator | DrailDiscrimi
 def _encoder(
     dim: int, latent_dim: int, ase: AseConfig, discriminator: GanDiscriminator | DrailDiscriminator
 ) -> SkillEncoder:
-    shares = isinstance(discriminator, GanDiscriminator) and ase.gan.encoder_shares
-    trunk = discriminator.mlp if shares else None
+    trunk = None
+    if isinstance(discriminator, GanDiscriminator) and ase.gan.encoder_shares:
+        trunk = discriminator.mlp
     return SkillEncoder(dim, latent_dim, ase.encoder_hidden, ase.encoder_activation, trunk)
 
 

@@ -37,9 +37,9 @@ class SkillEncoder(nn.Module):
         super().__init__()
         self.mlp: nn.Module = MLP(transition_dim, latent_dim, list(hidden), activation)
         if trunk is not None:
-            self.mlp = nn.Sequential(
-                *list(trunk)[:-1], nn.Linear(trunk[-1].in_features, latent_dim)
-            )
+            *hidden_layers, last = trunk
+            assert isinstance(last, nn.Linear), "a network without a last layer has no width"
+            self.mlp = nn.Sequential(*hidden_layers, nn.Linear(last.in_features, latent_dim))
 
     def forward(self, transition: torch.Tensor) -> torch.Tensor:
         """(n, 2F) normalised transitions -> (n, dim) unit vectors."""
