@@ -35,8 +35,8 @@ class NetworkConfig:
         init_std: First standard deviation of the exploration noise [raw action units].
         learn_std: Whether the actor's optimiser also moves that standard deviation, one per action.
             It then follows no schedule.
-        style: Widths of the hidden layers between a latent and the actor, see
-            :class:`~lacoloco.pipelines.learn.style.StyleInput`. Empty: the actor sees the latent.
+        style: Widths of the hidden layers of a network between the latent and the actor, as in ASE.
+            Empty: the actor sees the latent.
         bounded_mean: Whether the mean action passes a tanh.
     """
 
