@@ -8,16 +8,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
 
+import numpy as np
+
+from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.evaluation.skill_cells import SkillCells
 from lacoloco.pipelines.exploring.clip_names import ClipNames, clips_at_hand
-from lacoloco.pipelines.exploring.latent_map import SECONDS, hold_sampled
+from lacoloco.pipelines.exploring.latent_map import (
+    SECONDS,
+    Extreme,
+    HeldLatents,
+    extremes,
+    hold_sampled,
+)
 from lacoloco.pipelines.exploring.live import run
 from lacoloco.pipelines.exploring.map_board import MapBoard
 from lacoloco.pipelines.exploring.page import Page
 from lacoloco.pipelines.exploring.server import check_port, check_viser, local_server
 from lacoloco.pipelines.exploring.target_handle import TargetHandle
+from lacoloco.pipelines.exploring.thumbnails import draw_poses
 from lacoloco.pipelines.exploring.world import ExploredWorld
 from lacoloco.pipelines.policies import load_policies, task_of
 from lacoloco.pipelines.robot import Say, robot_of
+from lacoloco.robots.spec import RobotSpec
 
 
 @dataclass(frozen=True)
@@ -62,9 +74,11 @@ def explore(config: ExploreConfig, say: Say, opened: Callable[[str], None]) -> d
     spec = robot_of(artifact, say)
     clips = clips_at_hand(config.policy, config.motions, spec.name)
     held = None
+    found: list[tuple[Extreme, np.ndarray | None]] = []
     if config.latents:
         say(f"holding {config.latents} latents for {SECONDS:.0f} s each, for the map")
         held = hold_sampled(spec, policies["low"], config.latents, config.seed)
+        found = with_pictures(spec, held, say)
     task = task_of(artifact, spec) if "high" in policies else None
     world = ExploredWorld(policies, spec, task, seed=config.seed)
     with local_server(config.port) as server:
@@ -72,9 +86,27 @@ def explore(config: ExploreConfig, say: Say, opened: Callable[[str], None]) -> d
         if world.has_target:
             TargetHandle(page)
         if held is not None:
-            MapBoard(page, held)
+            MapBoard(page, held, found)
         address = f"http://{server.get_host()}:{server.get_port()}/"
         opened(address)
         with suppress(KeyboardInterrupt):
             run(world, page, Event(), ClipNames(clips) if clips else None)
     return {"robot": spec.name, "address": address}
+
+
+def with_pictures(
+    spec: RobotSpec, held: HeldLatents, say: Say
+) -> list[tuple[Extreme, np.ndarray | None]]:
+    """What held latents do most, each with a picture of how it ends.
+
+    Without OpenGL there is none, and ``say`` is told why.
+    """
+    found = extremes(held, SkillCells.of(spec))
+    if not found:
+        return []
+    try:
+        pictures = draw_poses(spec, held.poses[[extreme.index for extreme in found]])
+    except StageError as error:
+        say(f"no pictures of what latents do: {error}")
+        return [(extreme, None) for extreme in found]
+    return list(zip(found, pictures, strict=True))

@@ -43,6 +43,7 @@ class HeldLatents:
         speed: (N,) mean planar speed [m/s].
         fell: (N,) bool.
         shares: Shares that walk, reach, stand and fall.
+        poses: (N, 7 + J) where each ends: position [m], quaternion wxyz, joints [rad].
     """
 
     latents: np.ndarray
@@ -50,6 +51,7 @@ class HeldLatents:
     speed: np.ndarray
     fell: np.ndarray
     shares: dict[str, float]
+    poses: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,7 @@ def hold_sampled(spec: RobotSpec, low: Policy, count: int, seed: int) -> HeldLat
         done.speed.double().numpy(),
         done.fell.numpy(),
         done.shares(),
+        env.physics.qpos.double().numpy().copy(),
     )
 
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lacoloco.datasets import rotations
-from lacoloco.pipelines.evaluation.skill_cells import LIFT, YAW, SkillCells
+from lacoloco.pipelines.evaluation.skill_cells import LIFT, YAW
 from lacoloco.pipelines.exploring.latent_map import (
     SECONDS,
     Extreme,
     HeldLatents,
     LatentMap,
-    extremes,
 )
 from lacoloco.pipelines.exploring.page import CAMERA, Page
 from lacoloco.pipelines.viewing.extent import standing_extent
@@ -42,8 +42,17 @@ class MapBoard:
         map: What it shows.
     """
 
-    def __init__(self, page: Page, held: HeldLatents) -> None:
-        """Put up the board, and the table of what is reached most."""
+    def __init__(
+        self, page: Page, held: HeldLatents, found: Sequence[tuple[Extreme, np.ndarray | None]]
+    ) -> None:
+        """Put up the board, and the list of what is reached most.
+
+        Args:
+            page: Where.
+            held: What is on the map.
+            found: What is in the list, each with its picture (height, width, 3) uint8, if there is
+                one.
+        """
         import trimesh
 
         self._page, self._held, self.map = page, held, LatentMap(held)
@@ -76,7 +85,7 @@ class MapBoard:
         )
         self._listen()
         page.drawn.append(self.draw)
-        self._add_panel(extremes(held, SkillCells.of(page.world.spec)))
+        self._add_panel(found)
 
     def draw(self) -> None:
         """Show where the latent in force lies."""
@@ -161,12 +170,14 @@ class MapBoard:
         colours[held.fell] = FELL
         return colours
 
-    def _add_panel(self, found: list[Extreme]) -> None:
+    def _add_panel(self, found: Sequence[tuple[Extreme, np.ndarray | None]]) -> None:
         gui = self._page.server.gui
         with gui.add_folder("Map of held latents"):
             colour = gui.add_dropdown("colour", COLOURS)
-            for extreme in found:
+            for extreme, picture in found:
                 latent = self._held.latents[extreme.index]
+                if picture is not None:
+                    gui.add_image(picture, format="jpeg")
                 label = f"{extreme.name}: {extreme.value:+.2f} {extreme.unit}"
                 self._page.button(label, partial(self._show, latent), color="gray")
             gui.add_markdown(legend(self._held))

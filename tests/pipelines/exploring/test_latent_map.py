@@ -22,7 +22,8 @@ def held():
     latents /= np.linalg.norm(latents, axis=1, keepdims=True)
     motion = np.zeros((200, 4))
     motion[:, 0], motion[:, 3] = latents[:, 2], latents[:, 4]
-    return HeldLatents(latents, motion, np.abs(motion[:, 0]), np.zeros(200, dtype=bool), {})
+    speed, fell = np.abs(motion[:, 0]), np.zeros(200, dtype=bool)
+    return HeldLatents(latents, motion, speed, fell, {}, np.zeros((200, 19)))
 
 
 def test_the_map_shows_the_directions_along_which_the_motion_differs(held):
@@ -54,7 +55,7 @@ def test_who_does_what_most_leaves_out_those_that_fell_and_what_counts_as_standi
     )
     fell = np.array([False, True, False, False, False])
     speed = np.linalg.norm(motion[:, :2], axis=1)
-    found = extremes(HeldLatents(np.eye(5), motion, speed, fell, {}), CELLS)
+    found = extremes(HeldLatents(np.eye(5), motion, speed, fell, {}, np.zeros((5, 19))), CELLS)
     assert [(one.name, one.index, one.value) for one in found] == [
         ("fastest forward", 0, 0.5),
         ("fastest to the left", 4, 0.2),

@@ -50,15 +50,21 @@ def drag(page, begin, end):
 
 @pytest.mark.slow
 def test_keys_sliders_and_the_map_reach_the_robot(browser, live, make_world):
+    from lacoloco.pipelines.exploring.explorer import with_pictures
     from lacoloco.pipelines.exploring.map_board import MapBoard
 
     world = make_world()
     latents = np.concatenate((np.eye(7), -np.eye(7)))
     motion = latents[:, :4]
-    held = HeldLatents(latents, motion, motion[:, 0], np.zeros(14, dtype=bool), {"walk": 1.0})
+    poses = np.tile(world.spec.default_qpos(), (14, 1))
+    fell = np.zeros(14, dtype=bool)
+    held = HeldLatents(latents, motion, motion[:, 0], fell, {"walk": 1.0}, poses)
+    found = with_pictures(world.spec, held, print)
+    pictures = sum(picture is not None for _, picture in found)
     with live(world) as (address, shown):
-        board = MapBoard(shown, held)
+        board = MapBoard(shown, held, found)
         page = look_at(browser, address)
+        assert page.locator("img[src^='blob:'], img[src^='data:image/jpeg']").count() == pictures
         before = world.latent
         page.keyboard.press("n")
         until(lambda: not np.allclose(world.latent, before))
