@@ -33,7 +33,8 @@ class Trial:
     Attributes:
         status: ``done``, ``failed`` (in this call), ``unfinished`` (a training was cut short) or
             ``missing``.
-        samples: control steps of the training it is at, as far as they are logged.
+        samples: control steps of the training it is at, or of its last one, as far as they are
+            logged.
         low: its low level, if there is one.
         high: its high level, if there is one.
         error: one line of what went wrong.
@@ -231,7 +232,8 @@ def _newest(store: RunStore, run: str, trial: Trial) -> Trial:
 
 def _with(trial: Trial, low: Path | None, high: Path | None, begun: Sequence[StageDir]) -> Trial:
     status = "done" if high else "unfinished" if begun or low else "missing"
-    samples = _samples(begun[-1].path) if begun else 0
+    last = begun[-1].path if begun else next((one.parent for one in (high, low) if one), None)
+    samples = _samples(last) if last else 0
     return replace(trial, status=status, samples=samples, low=low, high=high)
 
 

@@ -66,6 +66,7 @@ def test_a_failed_trial_does_not_stop_the_rest_and_a_rerun_does_only_what_is_mis
     assert second.exit_code == 0, second.stderr
     answer = json.loads(second.stdout)
     assert [row["status"] for row in answer["trials"]] == ["done", "done"]
+    assert all(row["samples"] > 0 for row in answer["trials"]), "of their high levels"
     assert store.all("many", "train-high")[: len(kept)] == kept
     for stage in ("generate", "train-low", "train-high"):
         assert len(store.all("many", stage)) == (1 if stage == "generate" else 2)
