@@ -60,19 +60,6 @@ COLUMNS = {
     "falls_pct": Column("falls [%]", 1.0, 3),
 }
 """Key of an evaluation's row -> how it is shown."""
-SHIFT_COLUMNS = {
-    key: COLUMNS[key]
-    for key in (
-        "success_5cm_pct",
-        "success_30cm_pct",
-        "ee_error_median_m",
-        "ee_error_mean_m",
-        "falls_pct",
-        "contact_violation_pct",
-        "contact_violation_original_pct",
-    )
-}
-"""The same for a row of the hardware shift."""
 
 
 def section(name: str, artifact: Artifact) -> str:
@@ -175,14 +162,12 @@ def table(rows: Sequence[Row]) -> list[str]:
 
 def shift_table(rows: Sequence[Row]) -> list[str]:
     """A line per row of the hardware shift: the same episodes with something added."""
-    columns = SHIFT_COLUMNS.values()
+    keys = [key for key in COLUMNS if all(key in row for row in rows)]
     return [
-        _line(["what is added", "episodes", *(column.heading for column in columns)]),
-        _line(["---", *["---:"] * (len(columns) + 1)]),
+        _line(["what is added", "episodes", *(COLUMNS[key].heading for key in keys)]),
+        _line(["---", *["---:"] * (len(keys) + 1)]),
         *(
-            _line(
-                [row["name"], row["episodes"], *(_with_interval(row, key) for key in SHIFT_COLUMNS)]
-            )
+            _line([row["name"], row["episodes"], *(_with_interval(row, key) for key in keys)])
             for row in rows
         ),
     ]

@@ -135,7 +135,7 @@ def run(
         context.progress.stop()
     if len({"task_reward" in row for row in rows}) > 1:
         raise StageError("policies with a target and without one: evaluate them one kind at a time")
-    for row, name in zip(rows, names, strict=False):
+    for row, name in zip(rows if names else [], names, strict=True):
         row["variant"] = name
     best = min(rows, key=_selection)
     metadata: dict[str, Any] = {"rows": rows, "best": best, "summary": summary(rows)}

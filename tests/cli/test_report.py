@@ -75,12 +75,12 @@ def test_means_come_first_and_the_best_seed_is_called_so(store):
 
 
 def test_a_hardware_shift_has_a_table_of_its_own(store):
-    row = {key: 1.0 for key in report_table.SHIFT_COLUMNS}
+    row = {"success_5cm_pct": 1.0, "ee_error_mean_m": 0.01}
     row |= {"name": "pd-1khz", "episodes": 256, "intervals": {"success_5cm_pct": [0.5, 2.0]}}
     evaluated(store, "shifted", shift=[row])
     lines = invoke("shifted").stdout.splitlines()
     heading = next(n for n, line in enumerate(lines) if line.startswith("| what is added"))
-    assert lines[heading + 2].startswith("| pd-1khz | 256 | 1.00 [0.50, 2.00] | 1.00 | 100.00 |")
+    assert lines[heading + 2].startswith("| pd-1khz | 256 | 1.00 | 1.00 [0.50, 2.00] |")
     assert "what is added" not in invoke(evaluated(store, "still").parent).stdout
 
 
