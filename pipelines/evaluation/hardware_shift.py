@@ -109,6 +109,17 @@ def _everything() -> ShiftRow:
     return ShiftRow(disturbances | {"substeps": 20}, randomisation, reset)
 
 
+IN_TRAINING = ShiftRow(
+    {
+        **{"action_latency": 0.02, "observation_latency": 0.02, "latency_jitter": JITTER},
+        **{"joint_friction": 0.02, "joint_damping": 0.1, "gain_error": 0.1, "joint_offset": 0.03},
+        **{"mocap_filter": 0.02, "mocap_delay": (0.01, 0.03), "mocap_dropout": 0.05},
+        **{"slippery_foot": 0.5, "floor_tilt": math.radians(3.0), "payload": 0.1},
+        **{"torque_speed": True, "graded": True},
+    },
+    {"friction": (0.3, 2.0)},
+)
+"""What a policy can be trained with: all that costs no finer physics and differs between worlds."""
 HARDWARE = {
     UNDISTURBED: ShiftRow(),
     **_ONE_BY_ONE,

@@ -25,10 +25,10 @@ from lacoloco.pipelines.exploring.map_board import MapBoard
 from lacoloco.pipelines.exploring.page import Page
 from lacoloco.pipelines.exploring.server import check_port, check_viser, local_server
 from lacoloco.pipelines.exploring.target_handle import TargetHandle
-from lacoloco.pipelines.viewing.thumbnails import draw_poses
 from lacoloco.pipelines.exploring.world import ExploredWorld
 from lacoloco.pipelines.policies import load_policies, task_of
 from lacoloco.pipelines.robot import Say, robot_of
+from lacoloco.pipelines.viewing.thumbnails import draw_poses
 from lacoloco.robots.spec import RobotSpec
 
 

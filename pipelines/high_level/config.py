@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Literal
 
 from lacoloco.datasets.config_values import (
     Anneal,
@@ -91,6 +91,8 @@ class TrainHighConfig:
             same target.
         replay_failed_from: Share of the training after which failed episodes are replayed. Before
             it nearly all episodes fail.
+        shift: "hardware": worlds differ by what ``lacoloco eval --shift hardware`` adds: latency,
+            joint friction, slope and the like, each to a degree of its own. "": as usual.
         observation: What the policy and its critic observe.
         ppo: Optimisation of actor and critic.
         networks: Actor and critic.
@@ -113,6 +115,7 @@ class TrainHighConfig:
     stood_s: Annotated[tuple[float, float], Within(0, 10), Rising()] = (0.0, 0.0)
     restart_probability: Share = 0.9
     replay_failed_from: Share = 0.4
+    shift: Literal["", "hardware"] = ""
     observation: ObservationConfig = field(default_factory=ObservationConfig)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(

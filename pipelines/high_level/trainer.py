@@ -8,6 +8,7 @@ from typing import Any, cast
 import torch
 from tensordict import TensorDict
 
+from lacoloco.pipelines.evaluation.hardware_shift import IN_TRAINING
 from lacoloco.pipelines.high_level.config import TrainHighConfig
 from lacoloco.pipelines.high_level.skill_dynamics import SkillDynamics, fit_dynamics, fit_policy
 from lacoloco.pipelines.high_level.trials import Trials, try_latents
@@ -79,6 +80,8 @@ class HighTrainer:
             reset=replace(task.reset, stood_s=config.stood_s),
             fall_tilt=spec.terminations.training_tilt,
         )
+        if config.shift:
+            task = IN_TRAINING.apply(task)
         env = LeggedEnv(spec, task, config.worlds, seed=seed, device=device)
         # Evenly among the worlds: PPO orders them by how often they act on the mean.
         place = torch.arange(config.worlds, device=device)

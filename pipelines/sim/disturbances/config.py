@@ -46,6 +46,8 @@ class Disturbances:
         cone: Friction cones of MuJoCo.
         solver: Solver of MuJoCo.
         engine: Other physics engine, which takes no other disturbance than those of the sensors.
+        graded: Each world has its own share, from none to all, of both latencies, of the joints'
+            friction and damping and of the slope. For training: a policy meets the mild cases, too.
     """
 
     noise: NonNegative = 0.0
@@ -72,6 +74,7 @@ class Disturbances:
     cone: Cone = "pyramidal"
     solver: Solver = "newton"
     engine: Engine = ""
+    graded: bool = False
 
     @property
     def of_sensors(self) -> bool:
@@ -87,7 +90,10 @@ class Disturbances:
     @property
     def of_physics(self) -> bool:
         """Whether the physics differ; late readings need its record of substeps, too."""
-        seen = {"noise": 0.0, "latency_jitter": 0.0, "mocap_dropout_interval": 1.0, "engine": ""}
+        seen = {
+            **{"noise": 0.0, "latency_jitter": 0.0, "mocap_dropout_interval": 1.0},
+            **{"engine": "", "graded": False},
+        }
         return replace(self, **seen) != UNDISTURBED  # type: ignore[arg-type]
 
 

@@ -13,7 +13,7 @@ import torch
 from mujoco.batch import Batch
 
 from lacoloco.pipelines.sim.disturbances.config import Disturbances
-from lacoloco.pipelines.sim.disturbances.randomness import own_generator, rounded, spread
+from lacoloco.pipelines.sim.disturbances.randomness import grades, own_generator, rounded, spread
 from lacoloco.robots.spec import RobotSpec
 
 CORNER = 0.5
@@ -41,6 +41,8 @@ class Motors:
             np.array(spec.damping) * factor[1],
         )
         self.offset = spread(config.joint_offset, shape, self._generator).double().numpy()
+        self._latency = config.action_latency * grades(config.graded, worlds, self._generator)
+        self._friction, self._damping = self._joint_losses(spec, model, worlds)
         self._limit = model.actuator_forcerange[:, 1].copy()
         self._top_speed = np.array(spec.velocity_limits)
         longest = config.action_latency * (1.0 + config.latency_jitter) + self._dt
@@ -49,15 +51,28 @@ class Motors:
         self._arrival = np.full((kept, worlds), LONG_AGO)
         self._clock = 0
 
+    def _joint_losses(
+        self, spec: RobotSpec, model: mujoco.MjModel, worlds: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 6 + J) dry friction [N.m] and (N, 6 + J, K) coefficients of damping, the first one
+        [N.m.s/rad], less what a world has not of the disturbance: the model has it all.
+        """
+        config, joints = self._config, slice(6, None)
+        friction = np.tile(model.dof_frictionloss, (worlds, 1))
+        damping = np.tile(model.dof_damping.reshape(model.nv, -1), (worlds, 1, 1))
+        missing = 1.0 - grades(config.graded, worlds, self._generator).double().numpy()[:, None]
+        friction[:, joints] -= missing * config.joint_friction * spec.effort_limits()
+        damping[:, joints, 0] -= missing * config.joint_damping * np.array(spec.damping)
+        return friction, damping
+
     def restart(self, rows: np.ndarray, joint_pos: np.ndarray) -> None:
         """In ``rows`` (K,) hold the pose (K, J) [rad] until a target arrives."""
         self._targets[:, rows], self._arrival[:, rows] = joint_pos + self.offset[rows], LONG_AGO
 
     def command(self, targets: np.ndarray) -> None:
         """Send joint targets (N, J) [rad], at the beginning of a control step."""
-        config = self._config
-        delay = torch.full((len(targets),), config.action_latency)
-        delay *= 1.0 + spread(config.latency_jitter, (len(targets),), self._generator)
+        jitter = spread(self._config.latency_jitter, (len(targets),), self._generator)
+        delay = self._latency * (1.0 + jitter)
         self._targets = np.concatenate((self._targets[1:], targets[None]))
         arrival = self._clock + rounded(delay / self._dt, self._generator).numpy()
         self._arrival = np.concatenate((self._arrival[1:], arrival[None]))
@@ -76,7 +91,13 @@ class Motors:
         return self._kp * (target - joint_pos) - self._kd * joint_vel
 
     def install(self, batch: Batch) -> None:
-        """Give the batch the gains of every world; an explicit controller's motors have none."""
+        """Give the batch what is every world's own: the joints' friction and damping, and gains,
+        which an explicit controller's motors have not.
+        """
+        if self._config.graded:
+            batch.expand("dof_frictionloss")[:] = self._friction
+            damping = batch.expand("dof_damping")
+            damping[:] = self._damping.reshape(damping.shape)
         if self._config.explicit_pd or self._config.gain_error == 0.0:
             return
         batch.expand("actuator_gainprm")[:, :, 0] = self._kp

@@ -18,6 +18,11 @@ def spread(half: float, shape: tuple[int, ...], generator: torch.Generator) -> t
     return half * (2.0 * torch.rand(shape, generator=generator) - 1.0)
 
 
+def grades(graded: bool, worlds: int, generator: torch.Generator) -> torch.Tensor:
+    """(N,) share that every world has of a disturbance: all of it, or a part of its own."""
+    return torch.rand(worlds, generator=generator) if graded else torch.ones(worlds)
+
+
 def rounded(values: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Whole numbers with these mean values: up with the probability of the fraction."""
     return (values + torch.rand(values.shape, generator=generator)).floor().long()

@@ -15,7 +15,7 @@ import torch
 from lacoloco.datasets.rotations import rotate_inverse
 from lacoloco.pipelines.masking import pick, put
 from lacoloco.pipelines.sim.disturbances.config import Disturbances
-from lacoloco.pipelines.sim.disturbances.randomness import own_generator, rounded, spread
+from lacoloco.pipelines.sim.disturbances.randomness import grades, own_generator, rounded, spread
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.state import RobotState
 
@@ -72,6 +72,9 @@ class Sensors:
         now = torch.cat((traced.qpos, traced.qvel), dim=1)
         self._history = now[:, None].repeat(1, self._kept, 1)
         self._captured = self._motion_capture(now)
+        self._latency = config.observation_latency * grades(
+            config.graded, len(now), self._generator
+        )
         self._blind = torch.zeros(len(now), dtype=torch.long)
         self._joints_and_base = now
         self._assemble()
@@ -96,9 +99,8 @@ class Sensors:
         config, worlds = self._config, len(self._history)
         trace = self._traced.trace
         self._history = torch.cat((self._history, trace), dim=1)[:, -self._kept :]
-        delay = config.observation_latency * (
-            1.0 + spread(config.latency_jitter, (worlds,), self._generator)
-        )
+        jitter = spread(config.latency_jitter, (worlds,), self._generator)
+        delay = self._latency * (1.0 + jitter)
         low, high = config.mocap_delay
         further = low + (high - low) * torch.rand(worlds, generator=self._generator)
         seen = self._motion_capture(self._past(delay + further))

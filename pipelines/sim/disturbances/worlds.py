@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 
 from lacoloco.datasets.rotations import rotate_inverse
 from lacoloco.pipelines.sim.disturbances.config import Disturbances
-from lacoloco.pipelines.sim.disturbances.randomness import own_generator, spread
+from lacoloco.pipelines.sim.disturbances.randomness import grades, own_generator, spread
 from lacoloco.pipelines.sim.physics import WorldParameters
 
 
@@ -32,9 +32,9 @@ class WorldChanges:
         self._place = torch.cat((place, torch.zeros(worlds, 1)), dim=1).numpy()
         self._foot = torch.randint(feet, (worlds,), generator=generator)
         heading = math.pi * spread(1.0, (worlds,), generator)
-        slope = math.sin(config.floor_tilt)
-        level = torch.full((worlds,), -math.cos(config.floor_tilt))
-        self.down = torch.stack((slope * heading.cos(), slope * heading.sin(), level), dim=1)
+        tilt = config.floor_tilt * grades(config.graded, worlds, generator)
+        slope = tilt.sin()
+        self.down = torch.stack((slope * heading.cos(), slope * heading.sin(), -tilt.cos()), dim=1)
 
     def with_slippery_foot(self, parameters: WorldParameters) -> WorldParameters:
         """The parameters, one foot of each world with less friction."""

@@ -8,8 +8,8 @@ import pytest
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.exploring import explorer
 from lacoloco.pipelines.exploring.latent_map import HeldLatents
-from lacoloco.pipelines.viewing.thumbnails import LOOK, draw_poses
 from lacoloco.pipelines.viewing import opengl
+from lacoloco.pipelines.viewing.thumbnails import LOOK, draw_poses
 
 
 @pytest.fixture

@@ -185,3 +185,37 @@ def test_it_goes_on_bit_for_bit(solo12):
         physics.step(held(solo12))
         other.step(held(solo12))
     assert torch.equal(physics.qpos, other.qpos)
+
+
+def test_graded_worlds_have_every_share_of_a_slope_and_of_the_joints_friction(solo12):
+    """Between none and all, another one in each world, and each disturbance's own."""
+    worlds = 64
+    whole = {"floor_tilt": 0.05, "joint_friction": 0.02, "joint_damping": 0.1}
+    physics = built(solo12, worlds, **whole, graded=True)
+    slope = torch.acos(-physics.down[:, 2]).double().numpy()
+    own = built(solo12, 1).model
+    friction = physics._batch.expand("dof_frictionloss")[:, 6:] - own.dof_frictionloss[6:]
+    damping = physics._batch.expand("dof_damping").reshape(worlds, own.nv, -1)[:, 6:, 0]
+    damping = damping - own.dof_damping.reshape(own.nv, -1)[6:, 0]
+    friction_share = friction / (0.02 * solo12.effort_limits())
+    damping_share = damping / (0.1 * np.array(solo12.damping))
+    assert np.ptp(friction_share, axis=1).max() < 1e-9
+    np.testing.assert_allclose(friction_share, damping_share, atol=1e-9)
+    for share in (friction_share[:, 0], slope / 0.05):
+        assert -1e-9 <= share.min() < 0.1 and 0.9 < share.max() <= 1.0 + 1e-3
+    assert abs(np.corrcoef(friction_share[:, 0], slope)[0, 1]) < 0.5
+
+
+def test_graded_worlds_are_late_by_shares_of_the_latency(solo12):
+    """A target 0.1 rad away moves the joints at once where there is no latency, and in a whole
+    control step not where there is all of it.
+    """
+    moved, still = (built(solo12, 64, action_latency=0.02, graded=True) for _ in range(2))
+    moved.step(held(solo12, 64) + 0.1)
+    still.step(held(solo12, 64))
+    went = (moved.qpos - still.qpos)[:, 7:].abs().amax(dim=1)
+    at_once = built(solo12, 64, graded=True)
+    at_once.step(held(solo12, 64) + 0.1)
+    most = (at_once.qpos - still.qpos)[:, 7:].abs().amax(dim=1)
+    share = went / most
+    assert share.min() < 0.1 and 0.7 < share.max() <= 1.0 + 1e-3
