@@ -91,9 +91,7 @@ class DisturbedBatch(BatchPhysics):
     def set_parameters(self, parameters: WorldParameters) -> None:
         """Give every world its own parameters, and its load, foot and slope."""
         super().set_parameters(self._changes.with_slippery_foot(parameters))
-        self._changes.install(
-            self._batch, self._base, self._mass, self.model.body_iquat[self._base]
-        )
+        self._changes.install(self._batch, self.model, self._base, self._mass)
 
     def state_dict(self) -> dict[str, torch.Tensor]:
         """Everything the engine needs to go on bit for bit, targets on their way included."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import torch
 from mujoco.batch import Batch
@@ -33,6 +34,7 @@ class WorldChanges:
         self._foot = torch.randint(feet, (worlds,), generator=generator)
         heading = math.pi * spread(1.0, (worlds,), generator)
         tilt = config.floor_tilt * grades(config.graded, worlds, generator)
+        self._steps = config.floor_steps * grades(config.graded, worlds, generator)
         slope = tilt.sin()
         self.down = torch.stack((slope * heading.cos(), slope * heading.sin(), -tilt.cos()), dim=1)
 
@@ -44,30 +46,40 @@ class WorldChanges:
         friction[torch.arange(len(friction)), self._foot] *= self._config.slippery_foot
         return replace(parameters, foot_friction=friction)
 
-    def install(self, batch: Batch, base: int, mass: float, axes: np.ndarray) -> None:
-        """Load the base's body and tilt gravity, after the parameters are set.
-
-        The load is a point. It shifts the centre of mass and adds to the moments of inertia; the
-        products of inertia that it adds are left out.
+    def install(self, batch: Batch, model: mujoco.MjModel, base: int, mass: float) -> None:
+        """Load the base's body, tilt gravity and set floors, after the parameters are set.
 
         Args:
             batch: The worlds.
+            model: All of them before this.
             base: Number of the base's body.
             mass: Of the whole robot [kg].
-            axes: (4,) orientation of the base's principal axes in its frame, wxyz.
         """
-        if self._config.floor_tilt > 0.0:
+        config = self._config
+        if config.floor_tilt > 0.0:
             gravity = batch.expand("opt.gravity")
             gravity[:] = np.linalg.norm(gravity, axis=1, keepdims=True) * self.down.numpy()
-        if self._config.payload > 0.0:
-            own, load = batch.expand("body_mass")[:, base].copy(), self._load * mass
-            centre = batch.expand("body_ipos")
-            away = self._place - centre[:, base]
-            reduced = (own * load / (own + load))[:, None]
-            quat = torch.from_numpy(axes).expand(len(away), 4)
-            squares = rotate_inverse(quat, torch.from_numpy(away)).square().numpy()
-            moments = reduced * (squares.sum(axis=1, keepdims=True) - squares)
-            centre[:, base] += (load / (own + load))[:, None] * away
-            batch.expand("body_inertia")[:, base] += moments
-            batch.expand("body_mass")[:, base] = own + load
+        if config.graded and config.floor_steps > 0.0:
+            batch.expand("geom_pos")[:, model.geom("floor").id, 2] = -self._steps.numpy()
+        if config.graded and config.cone == "elliptic":
+            batch.expand("opt.cone")[::2] = mujoco.mjtCone.mjCONE_PYRAMIDAL
+        if config.payload > 0.0:
+            self._load_base(batch, base, self._load * mass, model.body_iquat[base])
         batch.set_const()
+
+    def _load_base(self, batch: Batch, base: int, load: np.ndarray, axes: np.ndarray) -> None:
+        """Add a mass (N,) [kg] to the base, whose principal axes ``axes`` (4,) wxyz are.
+
+        The load is a point. It shifts the centre of mass and adds to the moments of inertia; the
+        products of inertia that it adds are left out.
+        """
+        own = batch.expand("body_mass")[:, base].copy()
+        centre = batch.expand("body_ipos")
+        away = self._place - centre[:, base]
+        reduced = (own * load / (own + load))[:, None]
+        quat = torch.from_numpy(axes).expand(len(away), 4)
+        squares = rotate_inverse(quat, torch.from_numpy(away)).square().numpy()
+        moments = reduced * (squares.sum(axis=1, keepdims=True) - squares)
+        centre[:, base] += (load / (own + load))[:, None] * away
+        batch.expand("body_inertia")[:, base] += moments
+        batch.expand("body_mass")[:, base] = own + load

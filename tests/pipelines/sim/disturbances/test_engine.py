@@ -219,3 +219,24 @@ def test_graded_worlds_are_late_by_shares_of_the_latency(solo12):
     most = (at_once.qpos - still.qpos)[:, 7:].abs().amax(dim=1)
     share = went / most
     assert share.min() < 0.1 and 0.7 < share.max() <= 1.0 + 1e-3
+
+
+def test_graded_worlds_stand_on_steps_of_all_heights_and_every_other_has_elliptic_cones(solo12):
+    """A robot beside the strips stands as low as its floor."""
+    worlds = 6
+    stepped, flat = (
+        built(solo12, worlds, floor_steps=height, cone="elliptic", graded=True)
+        for height in (0.01, 0.0)
+    )
+    depth = -stepped._batch.expand("geom_pos")[:, stepped.model.geom("floor").id, 2]
+    assert 0.0 <= depth.min() < depth.max() <= 0.01
+    assert stepped._batch.expand("opt.cone").tolist() == [0, 1] * 3
+    qpos = torch.from_numpy(solo12.default_qpos()).float().repeat(worlds, 1)
+    qpos[:, 1] = 4.0  # strips end 3 m to the side
+    for physics, lower in ((stepped, depth), (flat, 0.0 * depth)):
+        start = qpos.clone()
+        start[:, 2] -= torch.from_numpy(lower).float()
+        physics.reset(torch.arange(worlds), start, torch.zeros(worlds, 18))
+        for _ in range(50):
+            physics.step(held(solo12, worlds))
+    np.testing.assert_allclose((flat.qpos - stepped.qpos)[:, 2], depth, atol=1e-3)
