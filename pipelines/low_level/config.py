@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Literal
 
 from lacoloco.datasets.config_values import (
     Anneal,
@@ -81,6 +81,8 @@ class TrainLowConfig:
         coverage_latents: Latents held in each measurement.
         choose_from: Share of the training after which a measured policy may become the one that is
             kept. The constraint should be at full strength by then.
+        shift: "hardware": worlds differ by what ``lacoloco eval --shift hardware`` adds: latency,
+            joint friction, slope and the like, each to a degree of its own. "": as usual.
         observation: What the policy and its critic observe.
         latents: How latents are sampled.
         ppo: Optimisation of actor and critic.
@@ -115,6 +117,7 @@ class TrainLowConfig:
     coverage_every: Annotated[int, Within(0, 10**12)] = 250_000
     coverage_latents: Annotated[int, Within(1, 131_072)] = 256
     choose_from: Share = 0.8
+    shift: Literal["", "hardware"] = ""
     observation: ObservationConfig = field(default_factory=ObservationConfig)
     latents: LatentConfig = field(default_factory=LatentConfig)
     ppo: PpoConfig = field(

@@ -24,14 +24,13 @@ from lacoloco.pipelines.low_level.checkpoint_selection import Selection
 from lacoloco.pipelines.low_level.cloning import Cloning, CloningRounds
 from lacoloco.pipelines.low_level.config import TrainLowConfig
 from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
+from lacoloco.pipelines.low_level.training_task import training_task
 from lacoloco.pipelines.policies import Head, Policy
 from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, with_memory
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.episode_restarts import EpisodeRestarts
 from lacoloco.pipelines.sim.physics import CONTROL_DT
-from lacoloco.pipelines.sim.randomisation import widened
 from lacoloco.pipelines.sim.state import RobotState, layout, style_frame, width
-from lacoloco.pipelines.sim.tasks import Task, imitate_task
 from lacoloco.pipelines.training.critic import critic_only, for_critic
 from lacoloco.pipelines.training.pretraining import PretrainingLog
 from lacoloco.robots.spec import RobotSpec
@@ -75,7 +74,7 @@ class LowTrainer:
         self.config, self.spec, self.seed = config, spec, seed
         self.env = LeggedEnv(
             spec,
-            _task(spec, config),
+            training_task(spec, config),
             config.worlds,
             seed=seed,
             device=device,
@@ -382,18 +381,3 @@ class LowTrainer:
                 seen.append(self._observe())
         self.env.stagger()
         return cast("TensorDict", torch.cat(seen))
-
-
-def _task(spec: RobotSpec, config: TrainLowConfig) -> Task:
-    task = imitate_task(spec, constrained=config.cat)
-    around = widened(task.randomisation, config.randomisation)
-    if around.push:
-        around = replace(around, push=config.push, push_interval_s=config.push_every_s)
-    reset = replace(task.reset, clip_share=config.clip_share)
-    return replace(
-        task,
-        episode_s=config.episode_s,
-        fall_tilt=spec.terminations.training_tilt,
-        reset=reset,
-        randomisation=around,
-    )
