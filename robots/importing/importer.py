@@ -6,7 +6,8 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -31,6 +32,7 @@ from lacoloco.robots.importing.proposal import Facts, Question, write_toml
 from lacoloco.robots.importing.source import Source, read_source
 from lacoloco.robots.importing.writing import MESHES, Canonical, numbers, write_canonical
 from lacoloco.robots.loading import TOML
+from lacoloco.robots.registry import robot_folders
 
 if TYPE_CHECKING:
     import mujoco
@@ -69,14 +71,37 @@ def import_robot(file: Path, name: str, robots: Path, *, fixed: Sequence[str] = 
     target = robots / name
     if target.exists():
         raise RobotError(f"{target}: is there already; choose another name, or another --to")
-    robots.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=robots) as work:
+    if (other := robot_folders().get(name)) is not None:
+        raise RobotError(f"--name {name}: is another robot, in {other}; choose another name")
+    with _made_for(robots), tempfile.TemporaryDirectory(prefix=f".{name}-", dir=robots) as work:
         folder = Path(work) / name
         folder.mkdir()
         source = read_source(file, Path(work) / "converted")
         questions = _fill(folder, source, name, fixed)
         os.replace(folder, target)
     return Imported(target, tuple(source.notes), tuple(questions))
+
+
+@contextmanager
+def _made_for(robots: Path) -> Iterator[None]:
+    """Make a folder and those above it, and remove what was made where nothing comes of it.
+
+    Raises:
+        RobotError: The folder cannot be made.
+    """
+    made = [folder for folder in (robots, *robots.parents) if not folder.exists()]
+    try:
+        robots.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        told = (error.strerror or str(error)).lower()
+        raise RobotError(f"--to {robots}: cannot be made: {told}; name another folder") from error
+    try:
+        yield
+    except BaseException:
+        for folder in made:
+            with suppress(OSError):  # somebody put something there
+                folder.rmdir()
+        raise
 
 
 def _fill(folder: Path, source: Source, name: str, fixed: Sequence[str]) -> list[Question]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,7 +62,8 @@ def read_source(file: Path, converted: Path) -> Source:
             for geom in spec.geoms:  # a link weighs what its inertial says, and nothing without one
                 geom.mass, geom.density = 0.0, 0.0
         else:
-            spec = mujoco.MjSpec.from_file(str(file))
+            # absolute: MuJoCo names meshes from here, not from the folder of the file
+            spec = mujoco.MjSpec.from_file(os.path.abspath(file))
     except (OSError, ValueError, ElementTree.ParseError) as error:
         raise RobotError(f"{file}: cannot be read: {_line(error)}") from error
     leave_out_unread(spec, file.parent, notes)
@@ -113,6 +115,9 @@ def _compile(spec: mujoco.MjSpec, file: Path, notes: list[str]) -> mujoco.MjMode
     except ValueError as error:
         if "inertia" not in str(error):
             raise RobotError(f"{file}: MuJoCo cannot compile it: {_line(error)}") from error
+    for body in spec.bodies:
+        if not 0.0 <= body.mass < float("inf"):
+            raise RobotError(f"{file}: body {body.name!r} weighs {body.mass:g} kg; expected a mass")
     spec.compiler.balanceinertia = True
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-6, 1e-9
     notes.append("inertias that no solid body has were replaced by the nearest that one can have")

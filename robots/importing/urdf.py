@@ -67,7 +67,7 @@ def _readable(path: Path | None, converted: Path) -> Path | None:
         return None
     if path.suffix.lower() in READ_BY_MUJOCO:
         return path.resolve()
-    return as_obj(path, converted)
+    return as_obj(path, converted.absolute())  # MuJoCo looks from elsewhere
 
 
 def _speeds(root: ElementTree.Element) -> Iterator[tuple[str, float]]:

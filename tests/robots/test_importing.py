@@ -1,6 +1,7 @@
 """A small quadruped of our own, written as people publish theirs, becomes a robot."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -281,16 +282,47 @@ def test_joints_can_be_welded(made):
         (("<freejoint/>", '<joint type="slide" name="rail"/>'), "moves on joint 'rail'"),
         (('name="FL_roll"', 'name="FL_roll" type="slide"'), "'FL_roll' is a slide"),
         (("<mujoco>", "<mujoco><mujoco"), "cannot be read"),
+        (('mass="6"', 'mass="-6"'), "'trunk' weighs -6 kg"),
     ],
 )
 def test_what_cannot_be_a_robot_is_refused_and_leaves_nothing(made, tmp_path, change, problem):
     with pytest.raises(RobotError, match=problem) as caught:
         made(mjcf().replace(*change))
     assert "\n" not in str(caught.value)
-    assert not list((tmp_path / "robots").iterdir())
+    assert not (tmp_path / "robots").exists()
 
 
 def test_a_robot_that_is_there_is_kept(made, tmp_path):
     (tmp_path / "robots" / "rover").mkdir(parents=True)
     with pytest.raises(RobotError, match="is there already"):
         made(mjcf())
+
+
+def test_meshes_are_found_from_wherever_the_file_is_named(tmp_path, monkeypatch):
+    """MuJoCo names them from the working directory, or from the folder of the file."""
+    (tmp_path / "published" / "assets").mkdir(parents=True)
+    corners = ["v 0 0 0", "v 0.1 0 0", "v 0 0.1 0", "v 0 0 0.1"]
+    obj = "\n".join([*corners, "f 1 3 2", "f 1 2 4", "f 2 3 4", "f 3 1 4"])
+    (tmp_path / "published" / "assets" / "wedge.obj").write_text(obj)
+    asset = '<asset><mesh name="wedge" file="assets/wedge.obj"/></asset><worldbody>'
+    seen = '<geom type="mesh" mesh="wedge" contype="0" conaffinity="0"/><geom type="box"'
+    text = mjcf().replace("<worldbody>", asset).replace('<geom type="box"', seen)
+    (tmp_path / "published" / "rover.xml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    imported = import_robot(Path("published/rover.xml"), "rover", Path("robots"))
+    assert (imported.folder / "meshes" / "wedge.obj").read_text() == obj
+
+
+@pytest.mark.parametrize(
+    ("name", "to", "problem"),
+    [
+        ("rover", "published.xml", "--to published.xml: cannot be made"),
+        ("go2", "robots", "--name go2: is another robot"),
+    ],
+)
+def test_a_place_and_a_name_that_cannot_be_taken(tmp_path, monkeypatch, name, to, problem):
+    (tmp_path / "published.xml").write_text(mjcf())
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RobotError, match=problem):
+        import_robot(Path("published.xml"), name, Path(to))
+    assert [path.name for path in tmp_path.iterdir()] == ["published.xml"]

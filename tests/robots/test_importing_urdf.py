@@ -1,5 +1,7 @@
 """A small quadruped of our own as a URDF, with links that only a fixed joint holds."""
 
+from pathlib import Path
+
 import pytest
 
 from lacoloco.robots.check import check_robot
@@ -87,6 +89,23 @@ def test_a_urdf_passes_the_check(made):
         "robot.toml: joints: default",
     }
     assert any(note.startswith("stands for 10 s") for note in imported.notes)
+
+
+def test_a_mesh_that_mujoco_does_not_read_is_converted_wherever_the_robot_goes(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "rover.urdf").write_text(urdf("wedge.ply"))
+    header = ["ply", "format ascii 1.0", "element vertex 4", "element face 4", "end_header"]
+    header[3:3] = [f"property float {axis}" for axis in "xyz"]
+    header.insert(7, "property list uchar int vertex_indices")
+    vertices = [corner.removeprefix("v ") for corner in TRIANGLES]
+    faces = ["3 0 2 1", "3 0 1 3", "3 1 2 3", "3 2 0 3"]
+    (tmp_path / "wedge.ply").write_text("\n".join([*header, *vertices, *faces]) + "\n")
+    monkeypatch.chdir(tmp_path)
+    imported = import_robot(Path("rover.urdf"), "rover", Path("robots"))
+    assert not [note for note in imported.notes if "left out" in note]
+    model = load_robot(imported.folder).model()
+    assert (model.nmesh, model.mesh_vertnum[0]) == (1, 4)
 
 
 def test_a_mesh_that_is_missing_is_named_and_left_out(made):
