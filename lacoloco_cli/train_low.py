@@ -84,15 +84,15 @@ def newest_motions(session: Session) -> list[Path]:
     generated, performed, retargeted, imported = (
         store.all(run, verb)[-1:] for verb in ("generate", "track", "retarget", "import")
     )
-    if performed and retargeted:
-        followed = [parent.locate(performed[0]) for parent in read_header(performed[0]).parents]
-        if retargeted[0].absolute() not in followed:
-            session.progress.say(
-                "`lacoloco track` has not followed the newest retargeted motions: taking those it "
-                "did"
-            )
+    followed = [
+        parent.locate(path).absolute() for path in performed for parent in read_header(path).parents
+    ]
+    if performed and retargeted and retargeted[0].absolute() not in followed:
+        session.progress.say(
+            "`lacoloco track` has not followed the newest retargeted motions: taking those it did"
+        )
     kinds = [kind for kind in (generated, performed or retargeted) if kind]
-    if imported and not performed:
+    if imported and imported[0].absolute() not in followed:
         kinds.append(imported)
     found = [path for kind in kinds for path in kind]
     if len(kinds) > 1:

@@ -107,7 +107,6 @@ def run(
     """
     check_config(config)
     _check_shift(config, context, policies)
-    directory = context.store.begin(context.run, "eval", at_once=True)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
     for index, path in enumerate(policies):
@@ -143,6 +142,7 @@ def run(
     if config.shift:
         metadata["shift"] = _shift(config, context, spec, loaded, task)
     robot = record_of(spec)
+    directory = context.store.begin(context.run, "eval", at_once=True)
     write_artifact(
         directory.file("artifact.h5"),
         "lacoloco/evaluation",

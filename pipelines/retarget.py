@@ -98,7 +98,10 @@ def run(
     tasks, absent = _tasks(config, sources or [sample])
     worker = Worker(config, robot)
     keys, failures = _keys(worker, tasks)
+    if not keys:
+        _nothing(tasks, failures)
     record = record_of(load_robot(robot))
+    before = context.store.last_run()
     directory = context.begin(STAGE, context.work(config, record))
     # A version that goes on takes what it made itself in any case.
     candidates = own_clips(directory.path)
@@ -118,6 +121,7 @@ def run(
     made = _collect(tasks, keys, failures, earlier, directory)
     if not made:
         directory.discard()
+        context.store.use(before or context.run)  # the next verb has nothing to take here
         _nothing(tasks, failures)
     skipped = [{"file": str(task.path), "error": str(e)} for task, e in failures.items()]
     metrics = _metrics(made, skipped, absent, kept=sum(p.key in earlier for _, p in made))

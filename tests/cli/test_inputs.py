@@ -39,6 +39,24 @@ def test_a_verb_asks_which_motions_where_a_run_has_several_kinds(make_clip):
         assert f"--motions {store.newest('mixed', stage)}" in result.stderr
 
 
+def test_imported_motions_that_track_has_not_followed_are_asked_about_too(make_clip):
+    store = RunStore()
+    for stage, parents in (("retarget", ()), ("track", ("retarget",)), ("import", ())):
+        directory = store.begin("mixed", stage)
+        save_clips(
+            directory.file("artifact.h5"),
+            [make_clip(joints=12)],
+            robot=("x", "0"),
+            config={},
+            parents=[store.newest("mixed", parent) for parent in parents],
+        )
+        directory.complete()
+    result = CliRunner().invoke(app, ["train-low", "--run", "mixed", "--preset", "smoke"])
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    for stage in ("track", "import"):
+        assert f"--motions {store.newest('mixed', stage)}" in result.stderr
+
+
 def test_a_verb_says_in_one_line_what_it_takes(capsys):
     session = Session("eval", run="dog")
     assert session.takes(Path("a.h5"), Path("/b.h5")) == [Path("a.h5"), Path("/b.h5")]

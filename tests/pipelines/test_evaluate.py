@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lacoloco.datasets.artifact import read_artifact
-from lacoloco.datasets.errors import ConfigError
+from lacoloco.datasets.errors import ConfigError, DatasetError
 from lacoloco.datasets.robot_record import RobotRecord
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import evaluate
@@ -180,3 +180,10 @@ def test_ranges_that_are_none(context, two_seeds, friction):
         evaluate.run(
             evaluate.EvalConfig(4, 2, 4, friction=friction), context, policies=two_seeds[0]
         )
+
+
+def test_a_policy_that_cannot_be_read_leaves_no_unfinished_evaluation(context, tmp_path):
+    (tmp_path / "bad.h5").write_bytes(b"xx")
+    with pytest.raises(DatasetError, match="not an HDF5 file"):
+        evaluate.run(evaluate.EvalConfig(), context, policies=[tmp_path / "bad.h5"])
+    assert context.store.runs() == []

@@ -143,10 +143,14 @@ def test_one_bad_file_is_reported_and_the_rest_is_kept(context, short_dog, tmp_p
 def test_the_only_file_being_bad_is_an_error_and_leaves_nothing(context, tmp_path):
     bad = tmp_path / "bad.bvh"
     bad.write_bytes(b"\x89PNG\r\n")
+    context.store.use("before")
     with pytest.raises(DatasetError, match=r"bad\.bvh"):
         retarget_run(RetargetConfig(), context, sources=[bad])
     assert not context.store.all("dog", "retarget")
     assert not context.store.partials("dog", "retarget")
+    with pytest.raises(DatasetError, match=r"none\.bvh"):
+        retarget_run(RetargetConfig(), replace(context, run="other"), sources=["none.bvh"])
+    assert (context.store.last_run(), context.store.runs()) == ("before", ["dog"])
 
 
 def test_all_of_several_files_being_bad_is_an_error(context, tmp_path):
