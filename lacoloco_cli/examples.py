@@ -1,4 +1,4 @@
-"""Two examples of every verb, shown below its help; a test parses each of them."""
+"""Two examples of every verb and sub-command, shown below its help; a test parses each of them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,20 @@ EXAMPLES = {
     "generate": ("lacoloco generate", "lacoloco generate --robot h1 --preset smoke --run try"),
     "retarget": ("lacoloco retarget", "lacoloco retarget walk.bvh --trim 2s:10s --mirror"),
     "motions": ("lacoloco motions list", "lacoloco motions show clips.h5"),
+    "motions list": ("lacoloco motions list", "lacoloco motions list mine --json"),
+    "motions show": ("lacoloco motions show", "lacoloco motions show clips.h5"),
+    "motions plot": (
+        "lacoloco motions plot mine",
+        "lacoloco motions plot clips.h5 --out clips.png",
+    ),
+    "motions import": (
+        "lacoloco motions import walk.csv --robot solo12 --run mine",
+        "lacoloco motions import clips/ --robot g1/ --joints legs --source-fps 30",
+    ),
+    "motions export": (
+        "lacoloco motions export mine --to clips",
+        "lacoloco motions export clips.h5 --to clips --format csv --fps 30",
+    ),
     "track": ("lacoloco track", "lacoloco track --motions clips.h5 --preset smoke"),
     "train-low": (
         "lacoloco train-low --disc drail --cat",
@@ -31,11 +45,43 @@ EXAMPLES = {
     ),
     "run": ("lacoloco run quickstart", "lacoloco run solo12-synthetic --seeds 3 --resume"),
     "runs": ("lacoloco runs list", "lacoloco runs page quickstart"),
+    "runs list": ("lacoloco runs list", "lacoloco runs list --json"),
+    "runs show": ("lacoloco runs show quickstart", "lacoloco runs show solo12-synthetic"),
+    "runs verify": ("lacoloco runs verify", "lacoloco runs verify quickstart"),
+    "runs clean": ("lacoloco runs clean", "lacoloco runs clean quickstart --yes"),
+    "runs plot": (
+        "lacoloco runs plot quickstart",
+        "lacoloco runs plot quickstart --out curves.pdf",
+    ),
+    "runs coverage": (
+        "lacoloco runs coverage",
+        "lacoloco runs coverage --run quickstart --latents 1024",
+    ),
+    "runs publish": (
+        "lacoloco runs publish quickstart mydog",
+        "lacoloco runs publish runs/quickstart/train-low/0001 mydog-low",
+    ),
+    "runs report": ("lacoloco runs report quickstart", "lacoloco runs report --out RESULTS.md"),
+    "runs page": ("lacoloco runs page", "lacoloco runs page quickstart --out quickstart.html"),
     "robots": ("lacoloco robots list", "lacoloco robots check mydog/"),
+    "robots list": ("lacoloco robots list", "lacoloco robots list --json"),
+    "robots show": ("lacoloco robots show go2", "lacoloco robots show mydog/ --json"),
+    "robots check": ("lacoloco robots check", "lacoloco robots check mydog/ --figure mydog.png"),
+    "robots import": (
+        "lacoloco robots import go1.xml --name go1",
+        "lacoloco robots import mydog.urdf --name mydog --to .",
+    ),
     "bench": ("lacoloco bench train", "lacoloco bench retarget walk.bvh"),
+    "bench sim": ("lacoloco bench sim", "lacoloco bench sim --robot go2 --task walk"),
+    "bench train": ("lacoloco bench train", "lacoloco bench train --robot go2 --preset smoke"),
+    "bench contacts": ("lacoloco bench contacts", "lacoloco bench contacts --robot go2"),
+    "bench experts": ("lacoloco bench experts", "lacoloco bench experts --robot go2 --episodes 64"),
+    "bench motions": ("lacoloco bench motions", "lacoloco bench motions --hours 1"),
+    "bench retarget": ("lacoloco bench retarget", "lacoloco bench retarget walk.bvh --robot h1"),
+    "bench gpu": ("lacoloco bench gpu", "lacoloco bench gpu --minutes 5 --out copies"),
     "doctor": ("lacoloco doctor", "lacoloco doctor --json"),
 }
-"""Verb -> two command lines."""
+"""Verb, or verb and sub-command -> two command lines."""
 
 
 def epilog(verb: str) -> str:

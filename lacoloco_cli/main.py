@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 import traceback
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ import typer
 import typer.core
 import typer.main
 
+from lacoloco_cli.completion import complete_values
 from lacoloco_cli.examples import epilog
 from lacoloco_cli.failures import USER_MISTAKE, UserError, explain
 
@@ -63,10 +65,10 @@ class FrontDoor(typer.core.TyperGroup):
             module = import_module(f"lacoloco_cli.{VERBS[name][0]}")
             command = typer.main.get_command(module.app)
             command.name = name
-            command.epilog = command.epilog or epilog(name)
             # typer adds these to every app; a verb has no completion of its own
             completion = ("install_completion", "show_completion")
             command.params = [p for p in command.params if p.name not in completion]
+            finish(command, name)
         return name, command, rest
 
     def main(self, args: Sequence[str] | None = None, *_: Any, **extra: Any) -> NoReturn:
@@ -79,6 +81,25 @@ class FrontDoor(typer.core.TyperGroup):
         except Exception as error:  # a usage error, or a verb that cannot even be imported
             code = _refuse(error, arguments)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+def finish(command: Any, verb: str) -> None:
+    """Give a verb and its sub-commands what the help shows, and what the tab key completes."""
+    from rich.markup import escape
+
+    command.epilog = command.epilog or epilog(verb)
+    command.help = escape(flowing(command.help or ""))
+    for parameter in command.params:  # 'lacoloco[video]' is no markup
+        parameter.help = escape(getattr(parameter, "help", None) or "")
+    complete_values(command)
+    for name, part in getattr(command, "commands", {}).items():
+        finish(part, f"{verb} {name}")
+
+
+def flowing(text: str) -> str:
+    """A text whose paragraphs are a line each, so that they are wrapped as wide as the terminal."""
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
 def _check_texts(arguments: Sequence[str]) -> None:

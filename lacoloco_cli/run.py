@@ -103,7 +103,12 @@ FromScratch = Annotated[
 def run(
     session: Session,
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help=f"One of {', '.join(NAMES)}.")
+        str | None,
+        typer.Argument(
+            metavar="NAME",
+            help=f"One of {', '.join(NAMES)}.",
+            autocompletion=lambda incomplete: [n for n in NAMES if n.startswith(incomplete)],
+        ),
     ] = None,
     disc: Annotated[
         str, typer.Option("--disc", metavar="gan|drail", help="Discriminator of the low level.")
