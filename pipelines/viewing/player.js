@@ -78,6 +78,13 @@
   byId("scrubber").oninput = (event) => seek(Number(event.target.value) / fps());
   // a button keeps no focus: space would press it again
   document.querySelectorAll("button").forEach((button) => button.addEventListener("click", () => button.blur()));
+  // nor does a list that the mouse chose from: space would open it again
+  document.querySelectorAll("select").forEach((select) => {
+    let byMouse = false;
+    select.addEventListener("pointerdown", () => { byMouse = true; });
+    select.addEventListener("keydown", () => { byMouse = false; });
+    select.addEventListener("change", () => { if (byMouse) select.blur(); });
+  });
   document.onkeydown = (event) => {
     if (event.target.tagName === "SELECT" || event.ctrlKey || event.altKey || event.metaKey || !keys[event.key]) return;
     event.preventDefault();

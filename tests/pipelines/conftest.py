@@ -1,4 +1,5 @@
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -12,6 +13,24 @@ from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.datasets.samples import DOG_BVH
 from lacoloco.robots.registry import load_robot, robot_names
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+@pytest.fixture
+def browser():
+    """A headless Chromium of this machine."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip("needs a Chromium")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=found, args=list(FLAGS))
+        try:
+            yield chromium
+        finally:
+            chromium.close()
 
 
 class Processes:

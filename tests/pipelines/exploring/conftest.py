@@ -1,4 +1,3 @@
-import shutil
 import threading
 from contextlib import contextmanager
 
@@ -8,9 +7,6 @@ from lacoloco.datasets.published import resolve
 from lacoloco.pipelines.exploring.world import ExploredWorld
 from lacoloco.pipelines.policies import load_policies, task_of
 from lacoloco.pipelines.robot import robot_of
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
 @pytest.fixture
@@ -24,21 +20,6 @@ def make_world():
         return ExploredWorld(policies, spec, task, seed=seed)
 
     return make
-
-
-@pytest.fixture
-def browser():
-    """A headless Chromium of this machine."""
-    playwright = pytest.importorskip("playwright.sync_api")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        pytest.skip("needs a Chromium")
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=found, args=list(FLAGS))
-        try:
-            yield chromium
-        finally:
-            chromium.close()
 
 
 @pytest.fixture
