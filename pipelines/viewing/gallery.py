@@ -21,6 +21,8 @@ from lacoloco.pipelines.plots.curves import plot_run
 
 ORDER = ("generate", "retarget", "track", "train-low", "train-high", "eval", "switching", "export")
 """Of the stages on the page, that of the chain; others follow by name."""
+CURVES = "curves.png"
+"""What `runs plot` writes into a run."""
 SHOWN_METRICS = 12
 """As many of a stage's metrics as fit in a glance."""
 
@@ -52,7 +54,7 @@ def build_run_page(store: RunStore, run: str, shown: Mapping[str, Sequence[str]]
         _section("Stages", _stages(store, run, versions, headers)),
         _section("Results", "".join(_results(headers[path], shown) for path in newest)),
         _section("Curves", curves),
-        _section("Figures", "".join(_figures(versions))),
+        _section("Figures", "".join(_figures(store.directory(run), versions))),
         _section("Playback", "".join(_playbacks(versions))),
         _section("Lineage", "".join(_lineages(newest, headers))),
     ]
@@ -161,8 +163,13 @@ def _curves(store: RunStore, run: str) -> str:
         return _figure(picture, "all trainings")
 
 
-def _figures(versions: Mapping[str, Sequence[Path]]) -> Iterator[str]:
-    """The pictures beside the newest version of every stage."""
+def _figures(folder: Path, versions: Mapping[str, Sequence[Path]]) -> Iterator[str]:
+    """The pictures beside the newest version of every stage, and those of the run, such as that of
+    `runs coverage`; the curves are on the page anyway.
+    """
+    for picture in sorted(folder.glob("*.png")):
+        if picture.name != CURVES:
+            yield _figure(picture, picture.name)
     for stage, paths in versions.items():
         for picture in sorted(paths[-1].parent.rglob("*.png")) if paths else ():
             place = picture.relative_to(paths[-1].parents[1])

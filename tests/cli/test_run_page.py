@@ -48,6 +48,8 @@ def run():
     evaluation = {"rows": rows, "best": rows[0], "summary": {}, "protocol": "development"}
     made(store, "eval", "lacoloco/evaluation", [policy], [("shift.png", PNG)], **evaluation)
     made(store, "play", "lacoloco/playback", [policy], [("playback.html", b"<p>\xc3\xa9</p>")])
+    for name in ("coverage.png", "curves.png"):
+        (store.root / "seen" / name).write_bytes(PNG)
     partial = store.begin("seen", "train-high")
     row = {"training": "train-high gan seed 3", "samples": 100, "reward": 0.5}
     partial.file("metrics.jsonl").write_text(json.dumps(row) + "\n")
@@ -69,7 +71,9 @@ def test_the_page_holds_all_of_a_run(run):
     assert "<td>kl</td>" not in page  # nobody looks for it here
     assert base64.b64encode(PNG).decode() in page
     pictures = [base64.b64decode(text) for text in re.findall(r"base64,([^\"]+)", page)]
-    assert [one.startswith(b"\x89PNG") for one in pictures] == [True, True]  # curves, the shift
+    # the curves, the coverage, the shift
+    assert [one.startswith(b"\x89PNG") for one in pictures] == [True, True, True]
+    assert "<figcaption>coverage.png</figcaption>" in page
     (packed,) = re.findall(r'<script type="text/plain" id="play-0001">(.*?)</script>', page)
     assert base64.b64decode(packed).decode() == "<p>é</p>"
     lineages = re.findall(r"<details open>(.*?)</details>", page, re.DOTALL)
