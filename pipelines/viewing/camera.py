@@ -90,14 +90,14 @@ def views_of(recording: Recording, look: Look, extent: Extent) -> Views:
     target = robot if recording.target is None else recording.target
     if look.camera == "target":
         point = smooth(0.5 * (robot + target), STEADY * recording.fps)
-        far = np.maximum(_needed(point, robot, BODY * extent.size, look), near)
-        far = np.maximum(_needed(point, target, 0.0, look), far)
+        far = np.maximum(needed_distance(point, robot, BODY * extent.size, look), near)
+        far = np.maximum(needed_distance(point, target, 0.0, look), far)
         return Views(point, _steady(far, recording.fps))
     if look.camera == "fixed":
         both = np.concatenate([robot, target])
         point = np.broadcast_to(0.5 * (both.min(0) + both.max(0)), robot.shape)
-        far = np.maximum(_needed(point, robot, BODY * extent.size, look), near)
-        far = np.maximum(_needed(point, target, 0.0, look), far)
+        far = np.maximum(needed_distance(point, robot, BODY * extent.size, look), near)
+        far = np.maximum(needed_distance(point, target, 0.0, look), far)
         return Views(point, np.full(len(robot), far.max()))
     raise StageError(f"camera '{look.camera}': use target, follow or fixed")
 
@@ -110,7 +110,7 @@ def axes_of(look: Look) -> np.ndarray:
     return np.stack([right, np.cross(right, into), into])
 
 
-def _needed(point: np.ndarray, seen: np.ndarray, radius: float, look: Look) -> np.ndarray:
+def needed_distance(point: np.ndarray, seen: np.ndarray, radius: float, look: Look) -> np.ndarray:
     """Distances (N,) at which balls of a radius around `seen` (N, 3) are in the picture, m."""
     right, up, into = axes_of(look)
     offset = seen - point

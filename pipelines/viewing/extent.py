@@ -28,12 +28,17 @@ class Extent:
 def standing_extent(spec: RobotSpec) -> Extent:
     """Measure a robot; of each geom the corners of its bounding box count."""
     model = spec.model()
-    data = mujoco.MjData(model)
-    data.qpos[:] = spec.default_qpos()
+    points = corners_of(model, mujoco.MjData(model), spec.default_qpos())
+    top = float(points[:, 2].max())
+    return Extent(top, max(top, float(np.ptp(points[:, :2], axis=0).max())))
+
+
+def corners_of(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray) -> np.ndarray:
+    """(n, 3) corners of the bounding boxes of all geoms in a pose (7 + J,); world, m."""
+    data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     corners = np.array(list(product((-1.0, 1.0), repeat=3)))
     boxes = model.geom_aabb[:, None, :3] + corners * model.geom_aabb[:, None, 3:]
     turned = np.einsum("gij,gcj->gci", data.geom_xmat.reshape(-1, 3, 3), boxes)
-    points = (data.geom_xpos[:, None] + turned).reshape(-1, 3)
-    top = float(points[:, 2].max())
-    return Extent(top, max(top, float(np.ptp(points[:, :2], axis=0).max())))
+    points: np.ndarray = (data.geom_xpos[:, None] + turned).reshape(-1, 3)
+    return points

@@ -35,6 +35,20 @@ def test_the_robot_is_drawn_where_it_ends_and_as_it_is_turned(solo12):
     assert np.abs(far - here).mean() < 3.0 < np.abs(turned - here).mean()
 
 
+def test_the_whole_robot_is_in_the_picture(solo12):
+    try:
+        opengl.check_gl()
+    except StageError as error:
+        pytest.skip(str(error))
+    poses = np.tile(solo12.default_qpos(), (3, 1))
+    poses[1, 3:7] = (np.cos(0.35), 0.0, -np.sin(0.35), 0.0)  # it rears by 40 degrees
+    poses[2, 3:7] = (np.cos(0.35), 0.0, np.sin(0.35), 0.0)
+    poses[1:, 2] += 0.1
+    dark = draw_poses(solo12, poses).max(-1) < 40  # trunk and feet; the floor is pale
+    assert dark.sum((1, 2)).min() > 50
+    assert not (dark[:, [0, -1]].any() or dark[:, :, [0, -1]].any())
+
+
 def test_what_is_done_most_has_its_own_picture(solo12, held, monkeypatch):
     monkeypatch.setattr(explorer, "draw_poses", lambda spec, poses: np.arange(len(poses)))
     found = explorer.with_pictures(solo12, held, pytest.fail)
