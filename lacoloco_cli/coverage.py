@@ -66,7 +66,7 @@ def coverage(
         [resolve(one) for one in motions or ()],
         latents=latents,
         seed=seed,
-        say=session.progress.say,
+        progress=session.progress,
     )
     draw_coverage(place, found)
     lost = [{"cell": cell, "share": share} for cell, share in found.lost()]

@@ -54,5 +54,5 @@ def explore(
     title = path_text(policy) if low is None else str(low)
     chosen = [resolve(one) for one in motions or ()]
     config = explorer.ExploreConfig(policy, title, chosen, latents, seed, port)
-    answer = explorer.explore(config, session.progress.say, open_browser)
+    answer = explorer.explore(config, session.progress, open_browser)
     session.answer({"policy": path_text(policy), **answer}, lambda: None)

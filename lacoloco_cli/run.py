@@ -211,7 +211,7 @@ def _answer(session: Session, name: str, outcomes: Sequence[Outcome]) -> None:
         console.print_table(["stage", "time", "what came out", "where it is"], rows)
 
     answer = {"experiment": name, "run": session.run_name, "seconds": seconds, "stages": stages}
-    session.answer({"artifact": stages[-1]["artifact"], **answer}, show)
+    session.answer({"artifact": stages[-1]["artifact"], **answer}, show, then="play")
 
 
 def known_name(name: str | None, known: Iterable[str]) -> str:

@@ -139,7 +139,8 @@ def draw_video(
 
     config = replace(session.config(stage.PRESETS), clips=1, episodes=1, latents=latents)
     artifact = read_artifact(source)
-    shown = stage.record(artifact, config, session.seed, names)[0].until(config.seconds)
+    recorded = stage.record(artifact, config, session.seed, names, session.progress)
+    shown = recorded[0].until(config.seconds)
     draw = render.render_mp4 if kind == "mp4" else render.render_gif
     content = draw(robot_of(artifact), shown, look, session.progress)
     write_file(place, content, replace=True)

@@ -20,7 +20,7 @@ from lacoloco.datasets.config_values import Form, Within
 from lacoloco.datasets.store import ARTIFACT
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.robot import record_of, robot_of
-from lacoloco.pipelines.stage import StageContext, StageResult
+from lacoloco.pipelines.stage import SILENT, Progress, StageContext, StageResult
 from lacoloco.pipelines.viewing import recording as recordings
 from lacoloco.pipelines.viewing.animal import with_animal
 from lacoloco.pipelines.viewing.page import build_page
@@ -92,7 +92,7 @@ def run(
         ArtifactError: The source is missing or damaged.
     """
     artifact = read_artifact(source)
-    shown = record(artifact, config, context.seed, names)
+    shown = record(artifact, config, context.seed, names, context.progress)
     spec = robot_of(artifact, context.progress.say)
     for recording in shown:
         recording.validate(spec.num_joints)
@@ -122,7 +122,11 @@ def run(
 
 
 def record(
-    artifact: Artifact, config: PlaybackConfig, seed: int = 0, names: Sequence[str] = ()
+    artifact: Artifact,
+    config: PlaybackConfig,
+    seed: int = 0,
+    names: Sequence[str] = (),
+    progress: Progress = SILENT,
 ) -> list[Recording]:
     """What an artifact shows.
 
@@ -140,8 +144,8 @@ def record(
         return recordings.from_arrays(artifact.arrays, artifact.metadata)
     if artifact.schema == "lacoloco/policy":
         if config.latents or "high" not in artifact.metadata["heads"]:
-            return low_recordings(artifact.path, config, seed)
-        return policy_recordings(artifact.path, config, seed)
+            return low_recordings(artifact.path, config, seed, progress)
+        return policy_recordings(artifact.path, config, seed, progress)
     raise StageError(
         f"{artifact.path}: '{artifact.schema}' shows nothing; play motions or a policy"
     )
@@ -156,7 +160,9 @@ def title_of(artifact: Artifact, robot: str, shown: Sequence[Recording]) -> str:
     return f"{_name(artifact.path)} ({robot}), {what}"
 
 
-def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Recording]:
+def policy_recordings(
+    policy: Path, config: PlaybackConfig, seed: int, progress: Progress = SILENT
+) -> list[Recording]:
     """Episodes of the task that a high-level policy was trained on, steered by it.
 
     Raises:
@@ -164,7 +170,13 @@ def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[R
     """
     from lacoloco.pipelines.evaluation.rollout import record_reach
 
-    played = record_reach(policy, seconds=config.seconds, episodes=config.episodes, seed=seed)
+    played = record_reach(
+        policy,
+        seconds=config.seconds,
+        episodes=config.episodes,
+        seed=seed,
+        progress=progress,
+    )
     shown = []
     for index, qpos in enumerate(played.qpos):
         target = None if played.target is None else played.target[index]
@@ -188,7 +200,9 @@ def policy_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[R
     return shown
 
 
-def low_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Recording]:
+def low_recordings(
+    policy: Path, config: PlaybackConfig, seed: int, progress: Progress = SILENT
+) -> list[Recording]:
     """What latents that nobody chose make of a low level, from a standing start.
 
     Raises:
@@ -199,7 +213,12 @@ def low_recordings(policy: Path, config: PlaybackConfig, seed: int) -> list[Reco
     changing = config.latents == "random"
     chosen = int(config.latents) if config.latents and not changing else seed
     played = record_low(
-        policy, seconds=config.seconds, episodes=config.episodes, seed=chosen, changing=changing
+        policy,
+        seconds=config.seconds,
+        episodes=config.episodes,
+        seed=chosen,
+        changing=changing,
+        progress=progress,
     )
     shown = []
     for index, qpos in enumerate(played.qpos):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -64,6 +64,15 @@ class Silent:
 
 
 SILENT: Progress = Silent()
+
+
+def track_steps(progress: Progress, description: str, total: int) -> Iterator[int]:
+    """Count ``total`` steps of one part of the work, and tell after each how far it is."""
+    progress.start(description, total)
+    for step in range(total):
+        yield step
+        progress.advance(step + 1)
+    progress.stop()
 
 
 @dataclass(frozen=True)

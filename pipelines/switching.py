@@ -87,7 +87,11 @@ def run(
             "--motions"
         )
     played = record_reach(
-        policy, seconds=config.seconds, episodes=config.episodes, seed=context.seed
+        policy,
+        seconds=config.seconds,
+        episodes=config.episodes,
+        seed=context.seed,
+        progress=context.progress,
     )
     found = compare(played, nearest)
     shown = config.shown if config.shown >= 0 else found.typical()

@@ -10,11 +10,17 @@ from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.evaluation.skill_cells import CellCoverage
 from lacoloco.pipelines.evaluation.skill_coverage import SkillCoverage
 from lacoloco.pipelines.policies import load_policies, motions_of
-from lacoloco.pipelines.robot import Say, robot_of
+from lacoloco.pipelines.robot import robot_of
+from lacoloco.pipelines.stage import SILENT, Progress
 
 
 def policy_coverage(
-    policy: Path, motions: Sequence[Path] = (), *, latents: int, seed: int, say: Say | None = None
+    policy: Path,
+    motions: Sequence[Path] = (),
+    *,
+    latents: int,
+    seed: int,
+    progress: Progress = SILENT,
 ) -> CellCoverage:
     """Hold ``latents`` latents of a low level and compare with clips.
 
@@ -24,14 +30,14 @@ def policy_coverage(
             policy was made of.
         latents: How many, drawn from ``seed``.
         seed: Also of the moments of the clips.
-        say: Told which robot is taken.
+        progress: Told which robot is taken, and after every step how far it is.
 
     Raises:
         StageError: The motions are not to be found.
         ArtifactError: An input is missing or damaged, or there is no low level.
     """
     artifact, policies = load_policies(policy, "low")
-    spec = robot_of(artifact, say)
+    spec = robot_of(artifact, progress.say)
     clips = [
         clip for path in motions or motions_of(policy) for clip in load_clips(path, robot=spec.name)
     ]
@@ -43,4 +49,4 @@ def policy_coverage(
     coverage = SkillCoverage(
         spec, library, latents=latents, seed=seed, observation=low.head.observation
     )
-    return coverage.cells(low)
+    return coverage.cells(low, progress)

@@ -17,6 +17,9 @@ from lacoloco.pipelines.sim.hierarchical_env import HOLD_STEPS
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task
+from lacoloco.pipelines.stage import SILENT, Progress, track_steps
+
+PLAYING = "playing episodes"
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,13 @@ class LowRecording:
 
 
 def record_low(
-    policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0, changing: bool = False
+    policy: Path,
+    *,
+    seconds: float = 10.0,
+    episodes: int = 1,
+    seed: int = 0,
+    changing: bool = False,
+    progress: Progress = SILENT,
 ) -> LowRecording:
     """Play a low level from a standing start, without noise, pushes or randomisation, steered by
     latents drawn from ``seed``.
@@ -97,7 +106,7 @@ def record_low(
     latents = LatentSchedule(episodes, held, seed=seed)
     fell = torch.zeros(episodes, dtype=torch.bool)
     qpos, contact, steering = [], [], []
-    for _ in range(steps):
+    for _ in track_steps(progress, PLAYING, steps):
         steering.append(latents.z)
         fell |= env.step(low(env.observe(), latents.z)).fell
         qpos.append(env.physics.qpos)
@@ -113,7 +122,12 @@ def record_low(
 
 
 def record_reach(
-    policy: Path, *, seconds: float = 10.0, episodes: int = 1, seed: int = 0
+    policy: Path,
+    *,
+    seconds: float = 10.0,
+    episodes: int = 1,
+    seed: int = 0,
+    progress: Progress = SILENT,
 ) -> ReachRecording:
     """Play a high-level artifact's policies on the task that they were trained on, without noise,
     pushes or randomisation, motors as strong as they are.
@@ -152,7 +166,8 @@ def record_reach(
             rows[name].append(value)
         low_obs.append(env.observe_low())
 
-    for _ in range(max(1, round(seconds / CONTROL_DT / HOLD_STEPS))):
+    decisions = max(1, round(seconds / CONTROL_DT / HOLD_STEPS))
+    for _ in track_steps(progress, PLAYING, decisions):
         high_obs.append(env.observe())
         fell |= env.step(project(policies["high"](high_obs[-1])), keep).fell
     return ReachRecording(

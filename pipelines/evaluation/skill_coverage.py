@@ -26,6 +26,7 @@ from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.sim.randomisation import NO_RANDOMISATION
 from lacoloco.pipelines.sim.state import RobotState, style_frame
 from lacoloco.pipelines.sim.tasks import ResetConfig, imitate_task
+from lacoloco.pipelines.stage import SILENT, Progress, track_steps
 from lacoloco.robots.numbers import SkillThresholds
 from lacoloco.robots.spec import RobotSpec
 
@@ -146,20 +147,20 @@ class SkillCoverage:
         cells = self._cells_of(done).metrics()
         return {f"coverage_{name}": value for name, value in metrics.items()} | self.clips | cells
 
-    def cells(self, policy: Policy) -> CellCoverage:
+    def cells(self, policy: Policy, progress: Progress = SILENT) -> CellCoverage:
         """The cells that the policy's latents reach, beside those of the clips."""
-        return self._cells_of(self._hold(policy))
+        return self._cells_of(self._hold(policy, progress))
 
     def _cells_of(self, done: Behaviour) -> CellCoverage:
         upright = done.motion[~done.fell]
         return CellCoverage(self._cells, self._clip_motion, upright, len(done.fell))
 
-    def _hold(self, policy: Policy) -> Behaviour:
+    def _hold(self, policy: Policy, progress: Progress = SILENT) -> Behaviour:
         env = self.env
         env.load_state_dict(deepcopy(self._start))  # its counters are counted up in place
         generator = torch.Generator().manual_seed(self.seed)
         z = sample_latents(env.num_worlds, policy.head.sizes["latent"], generator).to(env.device)
-        return hold(env, policy, z, self.steps)
+        return hold(env, policy, z, self.steps, progress)
 
     def _reproduced(self, reached: torch.Tensor) -> float:
         """Share of clips to which some latent has come at least half of the way from standing, by
@@ -172,7 +173,13 @@ class SkillCoverage:
         return float((nearest < 0.5 * torch.cdist(clips, standing[None])[:, 0]).float().mean())
 
 
-def hold(env: LeggedEnv, policy: Policy, latents: torch.Tensor, steps: int) -> Behaviour:
+def hold(
+    env: LeggedEnv,
+    policy: Policy,
+    latents: torch.Tensor,
+    steps: int,
+    progress: Progress = SILENT,
+) -> Behaviour:
     """Hold a latent in every world and watch the second half.
 
     Args:
@@ -180,11 +187,12 @@ def hold(env: LeggedEnv, policy: Policy, latents: torch.Tensor, steps: int) -> B
         policy: A low level.
         latents: (N, d) unit latents.
         steps: How long [control steps].
+        progress: Told after every step.
     """
     standing_height = float(env.end_effector()[:, 2].mean())
     fell = torch.zeros(env.num_worlds, dtype=torch.bool, device=env.device)
     speeds, heights, frames = [], [], []
-    for step in range(steps):
+    for step in track_steps(progress, f"holding {len(latents)} latents", steps):
         fell = fell | env.step(policy(env.observe(), latents)).fell
         if step >= steps // 2:
             speeds.append(env.state.lin_vel_b[:, :2].norm(dim=-1))

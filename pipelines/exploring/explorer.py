@@ -28,6 +28,7 @@ from lacoloco.pipelines.exploring.target_handle import TargetHandle
 from lacoloco.pipelines.exploring.world import ExploredWorld
 from lacoloco.pipelines.policies import load_policies, task_of
 from lacoloco.pipelines.robot import Say, robot_of
+from lacoloco.pipelines.stage import Progress
 from lacoloco.pipelines.viewing.thumbnails import draw_poses
 from lacoloco.robots.spec import RobotSpec
 
@@ -53,12 +54,14 @@ class ExploreConfig:
     port: int = 0
 
 
-def explore(config: ExploreConfig, say: Say, opened: Callable[[str], None]) -> dict[str, str]:
+def explore(
+    config: ExploreConfig, progress: Progress, opened: Callable[[str], None]
+) -> dict[str, str]:
     """Serve the page until Ctrl-C.
 
     Args:
         config: What.
-        say: Takes one line for the user.
+        progress: Where the user is told what is done.
         opened: Told the address of the page.
 
     Returns:
@@ -71,14 +74,16 @@ def explore(config: ExploreConfig, say: Say, opened: Callable[[str], None]) -> d
     check_viser()
     check_port(config.port)
     artifact, policies = load_policies(config.policy, "low")
-    spec = robot_of(artifact, say)
+    spec = robot_of(artifact, progress.say)
     clips = clips_at_hand(config.policy, config.motions, spec.name)
+    if not clips:
+        progress.say("no clips of the policy at hand, so none is named; --motions names them")
     held = None
     found: list[tuple[Extreme, np.ndarray | None]] = []
     if config.latents:
-        say(f"holding {config.latents} latents for {SECONDS:.0f} s each, for the map")
-        held = hold_sampled(spec, policies["low"], config.latents, config.seed)
-        found = with_pictures(spec, held, say)
+        progress.say(f"holding {config.latents} latents for {SECONDS:.0f} s each, for the map")
+        held = hold_sampled(spec, policies["low"], config.latents, config.seed, progress)
+        found = with_pictures(spec, held, progress.say)
     task = task_of(artifact, spec) if "high" in policies else None
     world = ExploredWorld(policies, spec, task, seed=config.seed)
     with local_server(config.port) as server:

@@ -16,6 +16,7 @@ from lacoloco.pipelines.evaluation.skill_coverage import hold, standing_env
 from lacoloco.pipelines.learn.latents import sample_latents
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.stage import SILENT, Progress
 from lacoloco.robots.spec import RobotSpec
 
 SECONDS = 3.0
@@ -71,13 +72,15 @@ class Extreme:
     unit: str
 
 
-def hold_sampled(spec: RobotSpec, low: Policy, count: int, seed: int) -> HeldLatents:
+def hold_sampled(
+    spec: RobotSpec, low: Policy, count: int, seed: int, progress: Progress = SILENT
+) -> HeldLatents:
     """Draw ``count`` latents from ``seed`` and hold them, all at once."""
     device = torch.device("cpu")
     env = standing_env(spec, count, seed, device, low.head.observation)
     generator = torch.Generator().manual_seed(seed)
     latents = sample_latents(count, low.head.sizes["latent"], generator)
-    done = hold(env, low, latents, round(SECONDS / CONTROL_DT))
+    done = hold(env, low, latents, round(SECONDS / CONTROL_DT), progress)
     return HeldLatents(
         latents.double().numpy(),
         done.motion.double().numpy(),

@@ -20,6 +20,8 @@ SLIDER_STEP = 0.01
 CAMERA = np.array([1.7, -2.2, 1.2])
 """Where the camera stands, in sizes of the robot."""
 FRICTION = (0.05, 2.0)
+FRICTION_STEP = 0.1
+"""By which a key changes the friction."""
 
 
 class Page:
@@ -83,7 +85,15 @@ class Page:
 
         self.server.gui.add_button(label, color=color).on_click(ask)
         if key is not None:
-            self.server.gui.add_command(label, hotkey=key).on_trigger(ask)
+            self.key(label, do, key)
+
+    def key(self, label: str, do: Callable[[], None], key: Any) -> None:
+        """A key without a button."""
+
+        async def ask(_: object) -> None:
+            self.ask(do)
+
+        self.server.gui.add_command(label, hotkey=key).on_trigger(ask)
 
     def when_moved(self, control: Any, do: Callable[[Any], None]) -> None:
         """Call with the control's value when a person, and not this program, has changed it."""
@@ -112,8 +122,18 @@ class Page:
             self.button("Reset (R)", world.reset, "R")
             self.button("Push (P)", lambda: world.push(self.push.value), "P")
             self.push = gui.add_slider("push, m/s", 0.0, 3.0, 0.1, PUSH)
-            friction = gui.add_slider("friction", *FRICTION, 0.05, round(world.friction, 2))
-            self.when_moved(friction, world.set_friction)
+            self.friction: Any = gui.add_slider(
+                "friction (F, G)", *FRICTION, 0.05, round(world.friction, 2)
+            )
+            self.when_moved(self.friction, world.set_friction)
+            self.key("Less friction", lambda: self._add_friction(-FRICTION_STEP), "F")
+            self.key("More friction", lambda: self._add_friction(FRICTION_STEP), "G")
+
+    def _add_friction(self, more: float) -> None:
+        low, high = FRICTION
+        value = min(high, max(low, round(self.world.friction + more, 2)))
+        self.world.set_friction(value)
+        self.friction.value = value
 
     def _turn(self, index: int, value: float) -> None:
         self.world.take(rotated_to(self.world.latent, index, value))

@@ -20,7 +20,7 @@ def asked(monkeypatch):
     """What is asked of the measurement, whose answer is made up: a latent walks, none turns."""
     calls = []
 
-    def measured(policy, motions, *, latents, seed, say):
+    def measured(policy, motions, *, latents, seed, progress):
         calls.append((policy, motions, latents, seed))
         on, left = [0.3, 0.0, 0.0, 0.0], [0.3, 0.0, 0.8, 0.0]
         cells = SkillCells(0.15, 0.4, 0.1)

@@ -44,6 +44,15 @@ def test_a_published_low_level_by_its_name(explored):
     assert not world.has_target
     assert len(page.drawn) == 1  # the map
     assert clips is None
+    assert "--motions" not in result.stderr  # quiet
+
+
+def test_it_says_how_far_the_map_is_and_what_would_name_clips(explored):
+    arguments = ["explore", "solo12-synthetic-low", *FEW]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.stderr
+    assert "--motions names them" in result.stderr
+    assert "holding 2 latents  150/150 (100%)" in result.stderr
 
 
 def test_a_high_level_brings_a_target_and_motions_bring_names(explored, make_clip, tmp_path):

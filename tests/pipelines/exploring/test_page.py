@@ -68,6 +68,11 @@ def test_keys_sliders_and_the_map_reach_the_robot(browser, live, make_world):
         before = world.latent
         page.keyboard.press("n")
         until(lambda: not np.allclose(world.latent, before))
+        page.keyboard.press("f")
+        until(lambda: world.friction == pytest.approx(0.9))
+        page.keyboard.press("g")
+        until(lambda: world.friction == pytest.approx(1.0))
+        assert shown.friction.value == pytest.approx(1.0)
         page.get_by_role("slider").first.press("Home")
         until(lambda: world.latent[0] < -0.99)
         page.get_by_role("button", name="turns left most").click()
