@@ -15,6 +15,8 @@ from lacoloco_cli.written_files import among_runs
 
 app = typer.Typer()
 
+MOST_FPS = 1000
+
 
 @verb(app, "export", shared=READING)
 def export_motions(
@@ -43,7 +45,8 @@ def export_motions(
         typer.Option("--clip", metavar="NAME", help="Only this clip; may be repeated."),
     ] = None,
     fps: Annotated[
-        float | None, typer.Option("--fps", help="Another rate; default: that of each clip.")
+        float | None,
+        typer.Option("--fps", help="Another rate; default: that of each clip. lafan1 has 30."),
     ] = None,
 ) -> None:
     """Write clips as .npz of mjlab and BeyondMimic, or as CSV."""
@@ -55,6 +58,12 @@ def export_motions(
 
     if form not in FORMATS:
         raise UserError(f"--format {form}: use {', '.join(FORMATS)}")
+    if fps is not None and not 1 <= fps <= MOST_FPS:
+        raise UserError(f"--fps {fps:g}: use a number from 1 to {MOST_FPS:,}")
+    if fps is not None and form == "lafan1":
+        raise UserError(f"--fps {fps:g}: lafan1 has 30 frames per second; leave it out")
+    if to.exists() and not to.is_dir():
+        raise UserError(f"--to {to}: is a file; name a folder")
     path = chosen_library(session, target)
     clips = [one for one in load_clips(path) if not clip or one.name in clip]
     unknown = sorted(set(clip or ()) - {one.name for one in clips})

@@ -8,7 +8,7 @@ import numpy as np
 
 from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.foreign.npz import npz_bytes
-from lacoloco.datasets.foreign.tables import POSITION, QUAT
+from lacoloco.datasets.foreign.tables import LAFAN_FPS, POSITION, QUAT
 from lacoloco.pipelines.sim.body_states import body_states, body_velocities
 from lacoloco.robots.spec import RobotSpec
 
@@ -17,7 +17,11 @@ FORMATS = {"npz": ".npz", "csv": ".csv", "lafan1": ".csv"}
 
 
 def encoded(spec: RobotSpec, clip: Clip, form: str) -> bytes:
-    """The file of a clip, in one of ``FORMATS``."""
+    """The file of a clip, in one of ``FORMATS``; lafan1 has 30 frames per second, whatever the
+    clip has, since it does not say and readers know.
+    """
+    if form == "lafan1":
+        clip = clip.resample(LAFAN_FPS)
     if form == "npz":
         return npz_bytes(npz_arrays(spec, clip))
     return csv_text(clip, header=form == "csv").encode()

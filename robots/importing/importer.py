@@ -133,6 +133,8 @@ def _fill(folder: Path, source: Source, name: str, fixed: Sequence[str]) -> list
     angles, solved = standing_angles(bare, legs, known)
     feet = give_feet_bodies(canonical, bare, seen, legs)
     height = -float(foot_points(bare, pose_data(bare, angles), legs)[:, 2].min())
+    if height <= 0.0:
+        raise RobotError(f"{source.file}: its feet are above its base; expected z to point up")
     if odd := drop_implausible(canonical.root, bare, height):
         told = ", ".join(f"{joint} ({effort:g} N.m)" for joint, effort in odd.items())
         notes.append(f"torque limits that no such motor has were left out: {told}")

@@ -18,6 +18,8 @@ NEAR_FLOOR = 0.1
 """A limb ends in a foot if it comes as near to the floor, in heights of the base."""
 SAME_FLOOR = 0.02
 """Shapes of that limb that are as near to its lowest point belong to the foot."""
+FOOT_HEIGHT = 0.15
+"""But not rods: their middle is higher over it than that, in heights of the base."""
 ALONG = 0.9
 """Cosine from which an axis counts as one of the base."""
 
@@ -120,12 +122,14 @@ def find_legs(model: mujoco.MjModel, data: mujoco.MjData, limbs: list[Limb]) -> 
             "only one limb reaches the floor; expected two feet or more (with the base's z axis"
             " pointing up)"
         )
-    return [_leg(model, data, limb, SAME_FLOOR * height) for limb in low]
+    return [_leg(model, data, limb, height) for limb in low]
 
 
-def _leg(model: mujoco.MjModel, data: mujoco.MjData, limb: Limb, tolerance: float) -> Leg:
+def _leg(model: mujoco.MjModel, data: mujoco.MjData, limb: Limb, height: float) -> Leg:
     lows = {g: lowest_point(model, data, g) for g in limb.geoms}
-    geoms = tuple(g for g in limb.geoms if lows[g] <= limb.lowest + tolerance)
+    geoms = tuple(g for g in limb.geoms if lows[g] <= limb.lowest + SAME_FLOOR * height)
+    highest = limb.lowest + FOOT_HEIGHT * height
+    geoms = tuple(g for g in geoms if data.geom_xpos[g, 2] <= highest) or geoms
     middle = np.mean([data.geom_xpos[g] for g in geoms], axis=0)
     rotation = data.xmat[limb.end].reshape(3, 3)
     sideways = [j for j in limb.joints if abs(data.xaxis[j, 0]) > ALONG]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lacoloco.robots.importing.kinematics import Leg
+from lacoloco.robots.importing.kinematics import Leg, foot_points, pose_data
 from lacoloco.robots.importing.standing import level_feet, ranges, solve_standing
 from lacoloco.robots.importing.writing import Canonical, add_exclude
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 NAMES = ("default", "home", "stand", "standing", "init")
 """Keyframes that stand, by their usual names; else the first one is taken."""
+LYING = 0.5
+"""A keyframe that is lower than that, in heights of the solved pose, shows a robot that lies."""
 DIGITS = 6
 """Of angles, rad."""
 
@@ -40,12 +42,20 @@ def keyframe_angles(published: mujoco.MjModel, bare: mujoco.MjModel) -> np.ndarr
 def standing_angles(
     bare: mujoco.MjModel, legs: list[Leg], known: np.ndarray | None
 ) -> tuple[np.ndarray, bool]:
-    """(J,) the pose, rad, and whether it had to be solved."""
-    angles = solve_standing(bare, legs) if known is None else known
+    """(J,) the pose, rad, and whether it had to be solved: without a keyframe that stands."""
+    angles = solve_standing(bare, legs)
+    lies = known is None or _height(bare, legs, known) < LYING * _height(bare, legs, angles)
+    if known is not None and not lies:
+        angles = known
     levelled = level_feet(bare, legs, angles)
     lower, upper = ranges(bare)
     # rounded towards the middle of the range, never out of it
-    return np.clip(np.round(levelled, DIGITS), lower, upper), known is None
+    return np.clip(np.round(levelled, DIGITS), lower, upper), lies
+
+
+def _height(bare: mujoco.MjModel, legs: list[Leg], angles: np.ndarray) -> float:
+    """Of the base over the middles of the feet, m."""
+    return -float(foot_points(bare, pose_data(bare, angles), legs)[:, 2].mean())
 
 
 def untouching(canonical: Canonical, model: mujoco.MjModel, feet: Sequence[str]) -> list[str]:

@@ -62,7 +62,7 @@ class Facts:
         angles: Standing pose, rad.
         gains: Proposed.
         efforts: Torque limits, N.m; 0: unknown.
-        solved: Whether the pose was solved, since no keyframe gives one.
+        solved: Whether the pose was solved, since no keyframe shows one that stands.
     """
 
     source: Source
@@ -153,7 +153,7 @@ def _questions(facts: Facts, name: str, speeds: np.ndarray, end: str) -> list[Qu
         "none",
     )
     if facts.solved:
-        what = "standing pose, rad: the file has no keyframe"
+        what = "standing pose, rad: the file has no keyframe that stands"
         questions.append(Question(f"{toml}: joints: default", what, "legs bent under the hips"))
     if len(facts.legs) == 2:
         what = "the body that reaches, and the point of it"

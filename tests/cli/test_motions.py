@@ -117,6 +117,9 @@ def test_a_hostile_pickle_is_refused_in_one_line(folder):
         (("import", "a.csv", "--fps", "-5"), "--fps -5"),
         (("export", "two.h5", "--format", "bvh"), "use npz, csv, lafan1"),
         (("export", "two.h5", "--clip", "none"), "--clip none"),
+        (("export", "two.h5", "--fps", "0"), "--fps 0: use a number from 1"),
+        (("export", "two.h5", "--fps", "50", "--format", "lafan1"), "lafan1 has 30"),
+        (("export", "two.h5", "--to", "two.h5"), "--to two.h5: is a file"),
     ],
 )
 def test_mistakes_are_named(library, arguments, words):

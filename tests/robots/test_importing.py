@@ -212,6 +212,26 @@ def humanoid():
 <actuator>{motors}<motor joint="waist" ctrlrange="-60 60"/></actuator></mujoco>"""
 
 
+def test_a_keyframe_that_lies_is_not_taken(made):
+    lying = " ".join(["0 1.3 -2.6"] * 4)
+    key = f'<keyframe><key name="home" qpos="0 0 0.1 1 0 0 0 {lying}"/></keyframe>'
+    imported, robot = made(mjcf(key))
+    assert robot.default_height() == pytest.approx(0.36, abs=1e-3)
+    assert "robot.toml: joints: default" in {question.key for question in imported.questions}
+
+
+def test_a_rod_that_ends_in_a_foot_is_no_part_of_it(made):
+    """Its middle is halfway up the leg: feet were put on the floor by that."""
+    rod = 'size="0.01" fromto="0 0 -0.03 0 0 -0.'
+    _, robot = made(mjcf().replace(f'{rod}17"', f'{rod}205"'))
+    model = robot.model()
+    (foot,) = [
+        g for g in range(model.ngeom) if model.geom_bodyid[g] == model.body(robot.feet[0]).id
+    ]
+    assert model.geom_size[foot, 0] == 0.02
+    assert robot.default_height() == pytest.approx(0.36, abs=1e-3)
+
+
 def test_a_humanoid_stands_over_its_feet_and_passes_the_check(made):
     imported, robot = made(humanoid())
     assert check_robot(robot, poses=3).failures() == ()
@@ -290,6 +310,14 @@ def test_what_cannot_be_a_robot_is_refused_and_leaves_nothing(made, tmp_path, ch
         made(mjcf().replace(*change))
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "robots").exists()
+
+
+def test_a_robot_on_its_back_is_refused(made):
+    text = mjcf().replace("0 0 -0.2", "0 0 0.2")
+    for narrow in ('"-1 3"', '"-2.7 -0.4"'):  # too narrow to turn the legs down
+        text = text.replace(f"range={narrow}", 'range="-0.1 0.1"')
+    with pytest.raises(RobotError, match="feet are above its base"):
+        made(text)
 
 
 def test_a_robot_that_is_there_is_kept(made, tmp_path):

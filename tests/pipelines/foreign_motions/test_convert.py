@@ -7,6 +7,7 @@ from lacoloco.datasets import rotations
 from lacoloco.datasets.clip import Clip
 from lacoloco.datasets.errors import DatasetError
 from lacoloco.datasets.foreign.motion import ForeignMotion
+from lacoloco.datasets.foreign.tables import LAFAN_FPS
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.foreign_motions.base import root_quaternions
 from lacoloco.pipelines.foreign_motions.config import ImportConfig
@@ -54,19 +55,26 @@ def foreign(**changes):
 
 @pytest.mark.parametrize("form", FORMATS)
 def test_what_is_exported_comes_back(spec, walk, tmp_path, form):
+    fps = LAFAN_FPS if form == "lafan1" else FPS
+    walk = walk.at_pace(fps / FPS)
     file = tmp_path / f"walk{FORMATS[form]}"
     file.write_bytes(encoded(spec, walk, form))
-    config = ImportConfig(keep_height=True)
+    config = ImportConfig(keep_height=True, fps=fps)
     if form == "lafan1":  # which says neither its rate nor its joints
         with pytest.raises(DatasetError, match="--source-fps"):
             convert(spec, file, config, "walk")
-        config = replace(config, source_fps=FPS, joints="model")
+        config = replace(config, source_fps=fps, joints="model")
     back = convert(spec, file, config, "walk").clip
-    assert (back.name, back.fps, back.joint_names) == ("walk", FPS, spec.joint_names)
+    assert (back.name, back.fps, back.joint_names) == ("walk", fps, spec.joint_names)
     for name in ("root_pos", "joint_pos", "root_lin_vel_b", "root_ang_vel_b", "joint_vel"):
         np.testing.assert_allclose(getattr(back, name), getattr(walk, name), atol=2e-5)
     turned = rotations.angular_velocity_b(back.root_quat, walk.root_quat, 1.0)
     assert np.abs(turned).max() < 1e-6
+
+
+def test_lafan1_has_its_own_rate_whatever_the_clip_has(spec, walk):
+    """Its readers take it for 30 frames per second: 80 at 50 are 1.58 s, so 48."""
+    assert len(encoded(spec, walk, "lafan1").splitlines()) == 48
 
 
 def test_velocities_of_the_bodies_are_those_of_their_places(spec, walk):
