@@ -47,8 +47,8 @@ class Disturbances:
         solver: Solver of MuJoCo.
         engine: Other physics engine, which takes no other disturbance than those of the sensors.
         graded: Each world has its own share, from none to all, of both latencies, of the joints'
-            friction and damping, of the slope and of the height of steps; elliptic cones are in
-            every other one. For training: a policy meets the mild cases, too.
+            friction and damping, of the slope and of the height of steps; half of them have
+            elliptic cones. For training: a policy meets the mild cases, too.
     """
 
     noise: NonNegative = 0.0

@@ -35,7 +35,7 @@ class DisturbedBatch(BatchPhysics):
         config, spec = request.disturbances, request.spec
         self._motors = Motors(config, spec, self.model, self.num_worlds, request.seed)
         self._changes = WorldChanges(config, self.num_worlds, len(spec.feet), request.seed)
-        self._motors.install(self._batch)
+        self._motors.install(self._batch, spec)
         self._mass = spec.total_mass()
         self.down = self._changes.down
         self.joint_offset = torch.from_numpy(self._motors.offset).float()

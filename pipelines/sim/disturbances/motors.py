@@ -42,7 +42,7 @@ class Motors:
         )
         self.offset = spread(config.joint_offset, shape, self._generator).double().numpy()
         self._latency = config.action_latency * grades(config.graded, worlds, self._generator)
-        self._friction, self._damping = self._joint_losses(spec, model, worlds)
+        self._losses = grades(config.graded, worlds, self._generator).double().numpy()
         self._limit = model.actuator_forcerange[:, 1].copy()
         self._top_speed = np.array(spec.velocity_limits)
         longest = config.action_latency * (1.0 + config.latency_jitter) + self._dt
@@ -50,20 +50,6 @@ class Motors:
         self._targets = np.zeros((kept, *shape))
         self._arrival = np.full((kept, worlds), LONG_AGO)
         self._clock = 0
-
-    def _joint_losses(
-        self, spec: RobotSpec, model: mujoco.MjModel, worlds: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 6 + J) dry friction [N.m] and (N, 6 + J, K) coefficients of damping, the first one
-        [N.m.s/rad], less what a world has not of the disturbance: the model has it all.
-        """
-        config, joints = self._config, slice(6, None)
-        friction = np.tile(model.dof_frictionloss, (worlds, 1))
-        damping = np.tile(model.dof_damping.reshape(model.nv, -1), (worlds, 1, 1))
-        missing = 1.0 - grades(config.graded, worlds, self._generator).double().numpy()[:, None]
-        friction[:, joints] -= missing * config.joint_friction * spec.effort_limits()
-        damping[:, joints, 0] -= missing * config.joint_damping * np.array(spec.damping)
-        return friction, damping
 
     def restart(self, rows: np.ndarray, joint_pos: np.ndarray) -> None:
         """In ``rows`` (K,) hold the pose (K, J) [rad] until a target arrives."""
@@ -90,14 +76,16 @@ class Motors:
             return target
         return self._kp * (target - joint_pos) - self._kd * joint_vel
 
-    def install(self, batch: Batch) -> None:
+    def install(self, batch: Batch, spec: RobotSpec) -> None:
         """Give the batch what is every world's own: the joints' friction and damping, and gains,
         which an explicit controller's motors have not.
         """
-        if self._config.graded:
-            batch.expand("dof_frictionloss")[:] = self._friction
-            damping = batch.expand("dof_damping")
-            damping[:] = self._damping.reshape(damping.shape)
+        if self._config.graded:  # the model has all of it: take away what a world has not
+            missing = 1.0 - self._losses[:, None]
+            friction = missing * self._config.joint_friction * spec.effort_limits()
+            batch.expand("dof_frictionloss")[:, 6:] -= friction
+            damping = batch.expand("dof_damping").reshape(len(missing), 6 + len(spec.damping), -1)
+            damping[:, 6:, 0] -= missing * self._config.joint_damping * np.array(spec.damping)
         if self._config.explicit_pd or self._config.gain_error == 0.0:
             return
         batch.expand("actuator_gainprm")[:, :, 0] = self._kp

@@ -35,6 +35,7 @@ class WorldChanges:
         heading = math.pi * spread(1.0, (worlds,), generator)
         tilt = config.floor_tilt * grades(config.graded, worlds, generator)
         self._steps = config.floor_steps * grades(config.graded, worlds, generator)
+        self._pyramidal = grades(config.graded, worlds, generator) < 0.5
         slope = tilt.sin()
         self.down = torch.stack((slope * heading.cos(), slope * heading.sin(), -tilt.cos()), dim=1)
 
@@ -62,7 +63,7 @@ class WorldChanges:
         if config.graded and config.floor_steps > 0.0:
             batch.expand("geom_pos")[:, model.geom("floor").id, 2] = -self._steps.numpy()
         if config.graded and config.cone == "elliptic":
-            batch.expand("opt.cone")[::2] = mujoco.mjtCone.mjCONE_PYRAMIDAL
+            batch.expand("opt.cone")[self._pyramidal.numpy()] = mujoco.mjtCone.mjCONE_PYRAMIDAL
         if config.payload > 0.0:
             self._load_base(batch, base, self._load * mass, model.body_iquat[base])
         batch.set_const()

@@ -221,16 +221,18 @@ def test_graded_worlds_are_late_by_shares_of_the_latency(solo12):
     assert share.min() < 0.1 and 0.7 < share.max() <= 1.0 + 1e-3
 
 
-def test_graded_worlds_stand_on_steps_of_all_heights_and_every_other_has_elliptic_cones(solo12):
+def test_graded_worlds_stand_on_steps_of_all_heights_and_half_have_elliptic_cones(solo12):
     """A robot beside the strips stands as low as its floor."""
-    worlds = 6
+    worlds = 16
     stepped, flat = (
         built(solo12, worlds, floor_steps=height, cone="elliptic", graded=True)
         for height in (0.01, 0.0)
     )
     depth = -stepped._batch.expand("geom_pos")[:, stepped.model.geom("floor").id, 2]
     assert 0.0 <= depth.min() < depth.max() <= 0.01
-    assert stepped._batch.expand("opt.cone").tolist() == [0, 1] * 3
+    cones = stepped._batch.expand("opt.cone")
+    assert 4 <= cones.sum() <= 12
+    assert len(set(cones[::2])) == len(set(cones[1::2])) == 2, "every other world has no noise"
     qpos = torch.from_numpy(solo12.default_qpos()).float().repeat(worlds, 1)
     qpos[:, 1] = 4.0  # strips end 3 m to the side
     for physics, lower in ((stepped, depth), (flat, 0.0 * depth)):
