@@ -107,10 +107,12 @@ def run(
     """
     check_config(config)
     _check_shift(config, context, policies)
+    # Before anything begins: what cannot be read leaves nothing, and wastes no evaluation.
+    opened = [load_policies(path, "low", "high", device=context.device) for path in policies]
+    directory = context.store.begin(context.run, "eval", at_once=True)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
-    for index, path in enumerate(policies):
-        artifact, loaded = load_policies(path, "low", "high", device=context.device)
+    for index, (path, (artifact, loaded)) in enumerate(zip(policies, opened, strict=True)):
         spec = robot_of(artifact, context.progress.say)
         context.progress.start(
             f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes
@@ -142,7 +144,6 @@ def run(
     if config.shift:
         metadata["shift"] = _shift(config, context, spec, loaded, task)
     robot = record_of(spec)
-    directory = context.store.begin(context.run, "eval", at_once=True)
     write_artifact(
         directory.file("artifact.h5"),
         "lacoloco/evaluation",
