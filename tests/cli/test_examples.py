@@ -45,6 +45,13 @@ def test_the_help_of_run_lists_the_experiments():
     assert set(NAMES) - {"table-1"} == set(EXPERIMENTS)
 
 
+def test_the_completed_presets_are_those_that_the_stages_have():
+    from lacoloco.pipelines import train_low
+    from lacoloco_cli.completion import PRESETS
+
+    assert set(PRESETS) == set(train_low.PRESETS)
+
+
 def test_the_help_of_train_low_says_which_motions_it_takes():
     words = invoke("train-low", "--help").stdout.replace("│", " ").split()
     assert "default: the run's newest generated ones" in " ".join(words)
