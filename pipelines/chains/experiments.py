@@ -146,7 +146,11 @@ EXPERIMENTS = {
         "the same on the humanoid; its low level is cloned, as adversarial training makes it fall",
         recipe={
             "train-low": {**BALANCE, **CLONED},
-            "train-high": {"skill_dynamics.rounds": 8, "std": (0.1, 0.03)},
+            "train-high": {
+                "decisions": 5_000_000,
+                "skill_dynamics.rounds": 8,
+                "std": (0.1, 0.03),
+            },
         },
     ),
 }
