@@ -52,7 +52,7 @@ def run(config: ExportConfig, context: StageContext, *, policy: Path) -> StageRe
     they were trained on, and ``controller.py`` that runs them.
 
     Raises:
-        StageError: onnxruntime and torch differ by more than 1e-5 somewhere, or the policy observes
+        StageError: onnxruntime and torch differ by more than rounding, or the policy observes
             what the controller does not know.
         ArtifactError: ``policy`` is missing, damaged, or holds no high level.
     """

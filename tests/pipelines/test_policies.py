@@ -189,3 +189,13 @@ def test_a_style_network_and_a_learned_std_are_kept_and_exported(make_policy, so
         write_onnx(again, file, output, opset=18)
         recorded = tuple(group.numpy() for group in groups)
         assert largest_difference(again, file, recorded, rows=8, seed=0) < 1e-5
+
+
+def test_rounding_of_large_outputs_is_no_difference(make_policy, tmp_path):
+    """As a humanoid's joints have them: far from their default position."""
+    low = make_policy("low", {"policy": 60, "latent": 3}, 4, NetworkConfig(actor=(256, 128)))
+    with torch.no_grad():
+        low.actor.mlp[-1].weight.mul_(1e3)
+    write_onnx(low, tmp_path / "low.onnx", {"levels": {"low": {"output": "out"}}}, opset=18)
+    recorded = tuple(np.ones((4, size), np.float32) for size in low.head.sizes.values())
+    assert largest_difference(low, tmp_path / "low.onnx", recorded, rows=256, seed=0) < 1e-5
