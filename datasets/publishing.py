@@ -63,7 +63,7 @@ def publish(artifact: Path, name: str, *, uncommitted: str = "") -> Path:
     if not provenance.git_commit():
         raise DatasetError("publishing is for a git checkout of lacoloco, which this is not")
     read_artifact(artifact)
-    ancestors = lineage(artifact)
+    ancestors, recorded = _until_published(lineage(artifact))
     for ancestor in ancestors:
         _check(ancestor, uncommitted)
     if uncommitted and not any(a.header is not None and _changed(a.header) for a in ancestors):
@@ -72,7 +72,7 @@ def publish(artifact: Path, name: str, *, uncommitted: str = "") -> Path:
     record = {
         "name": name,
         "sha256": hash_file(artifact),
-        "lineage": [_describe(a) for a in ancestors],
+        "lineage": [e for a in ancestors for e in recorded.get(a.path, [_describe(a)])],
     }
     if uncommitted:
         record["uncommitted"] = uncommitted
@@ -91,6 +91,29 @@ def total_bytes() -> int:
         for file in published.FOLDER.iterdir()
         if file.suffix in (".h5", ".json")
     )
+
+
+def _until_published(
+    ancestors: list[Ancestor],
+) -> tuple[list[Ancestor], dict[Path, list[dict[str, Any]]]]:
+    """The ancestors without those of published ones, whose files may be gone, and what was recorded
+    of the published ones and of theirs.
+    """
+    kept: list[Ancestor] = []
+    recorded: dict[Path, list[dict[str, Any]]] = {}
+    below: int | None = None  # depth of the published one whose ancestors follow
+    for ancestor in ancestors:
+        if below is not None and ancestor.depth > below:
+            continue
+        kept.append(ancestor)
+        below = None
+        record = ancestor.path.with_suffix(".json")
+        if ancestor.path.resolve().parent == published.FOLDER.resolve() and record.exists():
+            entries = json.loads(record.read_text())["lineage"]
+            shifted = [entry | {"depth": entry["depth"] + ancestor.depth} for entry in entries]
+            recorded[ancestor.path] = shifted
+            below = ancestor.depth
+    return kept, recorded
 
 
 def _check(ancestor: Ancestor, uncommitted: str) -> None:
