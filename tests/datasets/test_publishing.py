@@ -178,3 +178,14 @@ def test_a_damaged_record_is_named(folder):
         recorded("low")
     (folder / "low.json").write_text(json.dumps({"name": "low"}))
     assert recorded("low") == {"name": "low"}
+
+
+def test_what_was_made_over_a_published_one_takes_its_recorded_lineage(folder, add):
+    """The files that the published one was made of may be on another machine."""
+    clips = add("retarget", [DOG_BVH])
+    low = publish(add("train-low", [clips]), "low")
+    clips.unlink()
+    publish(add("train-high", [low]), "high")
+    rows = recorded("high")["lineage"]
+    assert [row["depth"] for row in rows[:3]] == [0, 1, 2]
+    assert rows[1:] == [row | {"depth": row["depth"] + 1} for row in recorded("low")["lineage"]]
