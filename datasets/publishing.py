@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,8 @@ def publish(artifact: Path, name: str, *, uncommitted: str = "") -> Path:
     if not provenance.git_commit():
         raise DatasetError("publishing is for a git checkout of lacoloco, which this is not")
     read_artifact(artifact)
-    ancestors, recorded = _until_published(lineage(artifact))
+    described = list(_entries(lineage(artifact)))
+    ancestors = [ancestor for ancestor, _ in described]
     for ancestor in ancestors:
         _check(ancestor, uncommitted)
     if uncommitted and not any(a.header is not None and _changed(a.header) for a in ancestors):
@@ -72,7 +74,7 @@ def publish(artifact: Path, name: str, *, uncommitted: str = "") -> Path:
     record = {
         "name": name,
         "sha256": hash_file(artifact),
-        "lineage": [e for a in ancestors for e in recorded.get(a.path, [_describe(a)])],
+        "lineage": [entry for _, entries in described for entry in entries],
     }
     if uncommitted:
         record["uncommitted"] = uncommitted
@@ -93,27 +95,22 @@ def total_bytes() -> int:
     )
 
 
-def _until_published(
-    ancestors: list[Ancestor],
-) -> tuple[list[Ancestor], dict[Path, list[dict[str, Any]]]]:
-    """The ancestors without those of published ones, whose files may be gone, and what was recorded
-    of the published ones and of theirs.
+def _entries(ancestors: list[Ancestor]) -> Iterator[tuple[Ancestor, list[dict[str, Any]]]]:
+    """Each ancestor with its entries in the record. A published one brings the recorded entries of
+    its own ancestors, whose files may be on another machine; so those do not follow.
     """
-    kept: list[Ancestor] = []
-    recorded: dict[Path, list[dict[str, Any]]] = {}
     below: int | None = None  # depth of the published one whose ancestors follow
     for ancestor in ancestors:
         if below is not None and ancestor.depth > below:
             continue
-        kept.append(ancestor)
-        below = None
-        record = ancestor.path.with_suffix(".json")
-        if ancestor.path.resolve().parent == published.FOLDER.resolve() and record.exists():
-            entries = json.loads(record.read_text())["lineage"]
-            shifted = [entry | {"depth": entry["depth"] + ancestor.depth} for entry in entries]
-            recorded[ancestor.path] = shifted
-            below = ancestor.depth
-    return kept, recorded
+        path, below, record = ancestor.path, None, None
+        if path.resolve().parent == published.FOLDER.resolve() and ancestor.state == "ok":
+            record = recorded(path.stem)
+        if record is None:
+            yield ancestor, [_describe(ancestor)]
+            continue
+        below = ancestor.depth
+        yield ancestor, [e | {"depth": e["depth"] + below} for e in record["lineage"]]
 
 
 def _check(ancestor: Ancestor, uncommitted: str) -> None:
