@@ -52,6 +52,8 @@ class AseConfig:
         encoder_weight: Weight of the encoder's reward (the paper's beta).
         labelled_encoder_weight: Weight of the encoder's loss on labelled demonstrations; that on
             the policy's own transitions has weight 1. Without labels it has no effect.
+        label_weight: Weight of the KL between the policy and the experts' answers, beside PPO's
+            loss. Without experts that were asked it has no effect.
         reward_ceiling: Upper limit of the discriminator's reward.
         diversity: Weight of the diversity loss.
         updates: Gradient steps of discriminator and encoder per iteration.
@@ -74,6 +76,7 @@ class AseConfig:
     imitation_weight: Factor = 1.0
     encoder_weight: Factor = 0.3
     labelled_encoder_weight: Factor = 1.0
+    label_weight: Factor = 0.0
     reward_ceiling: Annotated[float, Within(0, 1000, above=True)] = 5.0
     diversity: Factor = 0.01
     updates: Annotated[int, Within(1, 10_000)] = 2
@@ -120,6 +123,10 @@ class Ase(Ppo):
             Callable[[int, torch.Generator], tuple[torch.Tensor, torch.Tensor]] | None
         ) = None
         """Demonstrated transitions (n, 2F) with their latents (n, d), once something knows them."""
+        self.answers: Callable[[int], tuple[TensorDict, torch.Tensor]] | None = None
+        """What the actor sees in n states in which experts were asked, and their actions (n, A),
+        NaN where nobody knows.
+        """
         self.generator = torch.Generator(device).manual_seed(seed + 2)
         self.transitions = torch.zeros(ppo.horizon, num_worlds, dim, device=device)
         self.valid = torch.ones(ppo.horizon, num_worlds, dtype=torch.bool, device=device)
@@ -155,24 +162,41 @@ class Ase(Ppo):
     def update(self) -> dict[str, float]:
         """Discriminator and encoder first, on this rollout; then actor and critic."""
         metrics = self.metrics | self._update_style() | super().update()
-        if "auxiliary" in metrics:
-            # Without its weight: 1 where actions ignore the latent, 0 where they move just as far
-            # as it does.
-            metrics["diversity"] = metrics.pop("auxiliary") / self.ase.diversity
+        # Without their weights. Diversity is 1 where actions ignore the latent, 0 where they move
+        # just as far as it does.
+        for name, weight in (("diversity", self.ase.diversity), ("label", self.ase.label_weight)):
+            if name in metrics:
+                metrics[name] /= weight
         return metrics
 
-    def auxiliary_loss(
+    def auxiliary_losses(
         self, batch: RolloutStorage.Batch, mean: torch.Tensor
-    ) -> torch.Tensor | None:
-        """Diversity: how far the actions move must match how far the latent moves (paper,
-        "Diversity Term").
+    ) -> dict[str, torch.Tensor]:
+        """Diversity, and what experts say."""
+        losses = {}
+        if self.ase.diversity:
+            losses["diversity"] = self.ase.diversity * self._diversity(batch, mean)
+        if self.ase.label_weight and self.answers is not None:
+            losses["label"] = self.ase.label_weight * self._distance_to_experts()
+        return losses
+
+    def _distance_to_experts(self) -> torch.Tensor:
+        """Mean KL of the policy from a Gaussian of its own std around the experts' actions, in
+        states where they were asked: sum over actions of (mean - label)^2 / (2 std^2).
+        """
+        assert self.answers is not None
+        observations, actions = self.answers(self.ase.batch)
+        error = (self.actor(observations) - actions).nan_to_num()
+        std = self.actor.distribution.log_std_param.exp()
+        return 0.5 * (error / std).square().sum(dim=-1).mean()
+
+    def _diversity(self, batch: RolloutStorage.Batch, mean: torch.Tensor) -> torch.Tensor:
+        """How far the actions move must match how far the latent moves (paper, "Diversity Term").
 
         The KL of two Gaussians with one fixed std is the squared distance of their means up to a
         factor; as in the original the mean squared distance itself is compared with D_z = 0.5 (1 -
         z . z').
         """
-        if not self.ase.diversity:
-            return None
         count = max(1, int(DIVERSITY_SHARE * len(mean)))
         policy, z, explore = (
             batch.observations[name][:count] for name in (POLICY, LATENT, EXPLORE)
@@ -181,11 +205,7 @@ class Ase(Ppo):
         moved = self.actor(TensorDict({POLICY: policy, LATENT: other}, batch_size=[count]))
         distance = 0.5 - 0.5 * (z * other).sum(dim=-1)
         ratio = (mean[:count] - moved).square().mean(dim=-1) / (distance + 1e-5)
-        return (
-            self.ase.diversity
-            * ((1.0 - ratio).square() * weight).sum()
-            / weight.sum().clamp_min(1.0)
-        )
+        return ((1.0 - ratio).square() * weight).sum() / weight.sum().clamp_min(1.0)
 
     def save(self) -> dict[str, object]:
         """rsl_rl's state plus that of the adversarial part."""

@@ -244,11 +244,13 @@ class Ppo(PPO):
         mean, std = parallel.mean_and_std(chosen)
         storage.advantages = ((gain - mean) / (std + 1e-8))[..., None]
 
-    def auxiliary_loss(
+    def auxiliary_losses(
         self, batch: RolloutStorage.Batch, mean: torch.Tensor
-    ) -> torch.Tensor | None:
-        """A further loss on the actor, given a minibatch and its mean actions (n, A); none here."""
-        return None
+    ) -> dict[str, torch.Tensor]:
+        """Further losses on the actor by name, given a minibatch and its mean actions (n, A); none
+        here.
+        """
+        return {}
 
     def update(self) -> dict[str, float]:
         """Several epochs over shuffled minibatches; returns mean metrics.
@@ -315,11 +317,10 @@ class Ppo(PPO):
         if config.bound_weight:
             excess = (mean.abs() - config.bound).clamp_min(0.0).square().sum(dim=-1)
             loss = loss + config.bound_weight * (excess * weight).sum()
-        auxiliary = self.auxiliary_loss(batch, mean)
-        if auxiliary is not None:
-            loss = loss + auxiliary
-            metrics["auxiliary"] = auxiliary
-        return loss, {**metrics, "kl": kl}
+        further = self.auxiliary_losses(batch, mean)
+        for term in further.values():
+            loss = loss + term
+        return loss, {**metrics, **further, "kl": kl}
 
     def _adapt_learning_rate(
         self,

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
+from tensordict import TensorDict
 
 from lacoloco.pipelines.learn.ase import LATENT, POLICY
 from lacoloco.pipelines.learn.behaviour_cloning import CloningData, clone
@@ -50,6 +51,7 @@ class Cloning:
         self._clips, self._embedding, self._data = clips, embedding, data
         self._starts, self._generator, self._latent_noise = starts, generator, latent_noise
         self._asked: LabelledStates | None = None
+        self._joined: CloningData | None = None
 
     def fit(
         self, actor: MLPModel, steps: int, watch: Callable[[int, float], None] | None = None
@@ -57,14 +59,10 @@ class Cloning:
         """Fit the actor's mean, and the embedding with it; see
         :func:`~lacoloco.pipelines.learn.behaviour_cloning.clone`.
         """
-        data = self._data
-        if self._asked is not None:
-            asked = self._asked
-            data = data.extended(asked.frames, asked.previous, asked.actions, asked.before)
         return clone(
             actor,
             self._embedding,
-            data,
+            self._known(),
             self._sample,
             steps=steps,
             latent_noise=self._latent_noise,
@@ -85,6 +83,7 @@ class Cloning:
         device = self._data.frames.device
         asked = {name: values.to(device) for name, values in state["asked"].items()}
         self._asked = LabelledStates(**asked) if asked else None
+        self._joined = None
         self._embedding.load_state_dict(state["embedding"])
         self._generator.set_state(state["generator"])
 
@@ -128,7 +127,40 @@ class Cloning:
 
         new, falls = labels.collect(student, noise, action_noise, self._data.history)
         self._asked = new if self._asked is None else LabelledStates.joined([self._asked, new])
+        self._joined = None
         return falls
+
+    def forget(self, kept: int) -> None:
+        """Keep about ``kept`` of the experts' answers, or all."""
+        if self._asked is not None:
+            some = self._asked.sampled(kept, self._data.history, self._generator)
+            self._asked = some if kept else None
+            self._joined = None
+
+    @torch.no_grad()
+    def answers(self, count: int) -> tuple[TensorDict, torch.Tensor]:
+        """What the actor sees in ``count`` states of clips and of itself, and the actions (count,
+        A) to reproduce there, NaN where nobody knows.
+        """
+        windows, rows = self._sample(count)
+        latents = self._embedding(windows)
+        if self._latent_noise:
+            apart = scatter(count, self._embedding.dim, self._latent_noise, self._generator)
+            latents = project(latents + apart)
+        data = self._known()
+        groups = {POLICY: data.observe(rows, self._generator), LATENT: latents}
+        return TensorDict(groups, batch_size=[count]), data.actions[rows]
+
+    def _known(self) -> CloningData:
+        """The clips, and the states in which experts were asked."""
+        if self._asked is None:
+            return self._data
+        if self._joined is None:
+            asked = self._asked
+            self._joined = self._data.extended(
+                asked.frames, asked.previous, asked.actions, asked.before
+            )
+        return self._joined
 
     def _sample(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """(count,) rows at which windows begin, and rows of the data for their latents."""
@@ -174,12 +206,9 @@ class CloningRounds:
 
     def state_dict(self) -> dict[str, Any]:
         """Actor, embedding, answers, the experts' worlds, generators."""
-        cloning = self.cloning.state_dict()
-        if "clone_error" in self.metrics:  # no round follows that needs the answers
-            cloning["asked"] = {}
         return {
             "actor": self.actor.state_dict(),
-            "cloning": cloning,
+            "cloning": self.cloning.state_dict(),
             "labels": self.labels.state_dict() if self.labels is not None else {},
             "metrics": dict(self.metrics),
         }

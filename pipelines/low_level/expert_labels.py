@@ -46,9 +46,11 @@ class ExpertLabels:
         worlds: int,
         hold_steps: int,
         seed: int,
+        shifted: bool = False,
     ) -> None:
         """Build ``worlds`` worlds for each of the ``experts``, task -> policy; the latent of one
-        moment is held for at most ``hold_steps`` control steps.
+        moment is held for at most ``hold_steps`` control steps. ``shifted`` worlds differ by the
+        hardware shift.
 
         Raises:
             StageError: No clip says what an expert was commanded.
@@ -64,6 +66,7 @@ class ExpertLabels:
                 worlds=worlds,
                 hold_steps=hold_steps,
                 seed=seed,
+                shifted=shifted,
             )
             for name, skill in SKILLS.items()
             if name in experts and _known(library.clips_of(skill), library, states, commands)

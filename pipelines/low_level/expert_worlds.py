@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from lacoloco.pipelines.evaluation.hardware_shift import IN_TRAINING
 from lacoloco.pipelines.generation.expert_trainer import without_noise
 from lacoloco.pipelines.policies import Policy
 from lacoloco.pipelines.sim.clip_actions import ClipStates, infer_actions, with_memory
@@ -28,12 +29,15 @@ LOST_STEPS = 20
 """Control steps before a fall in which nothing could be saved any more."""
 
 
+_COLUMNS = ("frames", "previous", "actions", "rows")
+
+
 @dataclass(frozen=True)
 class LabelledStates:
     """States that a policy reached by itself, and what an expert would do there.
 
     Attributes:
-        frames: (n, F) clean style frames.
+        frames: (n, F) style frames, as sensors without noise give them.
         previous: (n, A) actions before, in units of the imitation task, and its memory.
         actions: (n, A) the expert's actions, likewise.
         rows: (n,) rows of the clips that the policy was performing.
@@ -51,11 +55,26 @@ class LabelledStates:
         """Number of states n."""
         return len(self.rows)
 
+    def sampled(self, count: int, history: int, generator: torch.Generator) -> LabelledStates:
+        """About ``count`` of them or all, with the ``history`` - 1 states before each."""
+        if count >= len(self):
+            return self
+        order = torch.randperm(len(self), generator=generator, device=generator.device)
+        chosen = readings = order[: max(1, count // history)]
+        for _ in range(1, history):
+            readings = self.before[readings]
+            chosen = torch.cat((chosen, readings))
+        chosen = chosen.unique()
+        before = torch.searchsorted(chosen, self.before[chosen]).clamp(max=len(chosen) - 1)
+        own = torch.arange(len(chosen), device=chosen.device)
+        kept = {name: getattr(self, name)[chosen] for name in _COLUMNS}
+        follows = chosen[before] == self.before[chosen]
+        return LabelledStates(**kept, before=torch.where(follows, before, own))
+
     @classmethod
     def joined(cls, parts: list[LabelledStates]) -> LabelledStates:
         """All of them."""
-        names = ("frames", "previous", "actions", "rows")
-        joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in names}
+        joined = {name: torch.cat([getattr(part, name) for part in parts]) for name in _COLUMNS}
         firsts = accumulate((len(part) for part in parts), initial=0)
         before = [first + part.before for first, part in zip(firsts, parts, strict=False)]
         return cls(**joined, before=torch.cat(before))
@@ -102,9 +121,11 @@ class ExpertWorlds:
         worlds: int,
         hold_steps: int,
         seed: int,
+        shifted: bool = False,
     ) -> None:
         """Build ``worlds`` worlds of the expert's task ``name``; the latent of one moment is held
         for at most ``hold_steps`` control steps, in some worlds no longer than a high level does.
+        ``shifted`` worlds differ by the hardware shift.
         """
         device = states.qpos.device
         self._expert, self._states, self._watched = expert, states, watched
@@ -113,9 +134,10 @@ class ExpertWorlds:
         actions = infer_actions(spec, states, self._scale)
         self._previous = with_memory(states, actions, imitate.memory)[1]
         self._rests = spec.skills.walk_speed
-        self.env = LeggedEnv(
-            spec, _performed(load_task(spec, name), imitate), worlds, seed=seed, device=str(device)
-        )
+        task = _performed(load_task(spec, name), imitate)
+        if shifted:
+            task = IN_TRAINING.apply(task)
+        self.env = LeggedEnv(spec, task, worlds, seed=seed, device=str(device))
         self._generator = torch.Generator(device).manual_seed(seed)
         place = torch.arange(worlds, device=device) / worlds
         self._performs = place < 0.5
@@ -168,7 +190,7 @@ class ExpertWorlds:
         record: Record | None = None
         began = [torch.ones_like(self._performs)]
         for step in range(steps):
-            frame, last, row = style_frame(env.state), self._last_action, self._row
+            frame, last, row = style_frame(env.seen()), self._last_action, self._row
             speed = torch.linalg.vector_norm(env.state.lin_vel_b[:, :2], dim=1)
             counted.append(~self._watched.stops[row] | (speed > self._rests))
             observation = torch.cat((frame, last), dim=-1)

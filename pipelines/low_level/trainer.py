@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, cast
 
 import torch
@@ -13,20 +12,16 @@ from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.evaluation.robustness import latent_switching_robustness
 from lacoloco.pipelines.learn import parallel
 from lacoloco.pipelines.learn.ase import LATENT, POLICY, Ase
-from lacoloco.pipelines.learn.behaviour_cloning import CloningData
 from lacoloco.pipelines.learn.cat import ramp, soft_terminations
 from lacoloco.pipelines.learn.latents import LatentSchedule
 from lacoloco.pipelines.learn.metric_accumulator import MetricAccumulator
 from lacoloco.pipelines.learn.networks import annealed, mean_std, set_std
-from lacoloco.pipelines.learn.skill_embedding import LabelledTransitions, SkillEmbedding
 from lacoloco.pipelines.low_level.cell_balance import balanced
 from lacoloco.pipelines.low_level.checkpoint_selection import Selection
-from lacoloco.pipelines.low_level.cloning import Cloning, CloningRounds
+from lacoloco.pipelines.low_level.cloned_start import ClonedStart
 from lacoloco.pipelines.low_level.config import TrainLowConfig
-from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
 from lacoloco.pipelines.low_level.training_task import training_task
 from lacoloco.pipelines.policies import Head, Policy
-from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, with_memory
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.episode_restarts import EpisodeRestarts
 from lacoloco.pipelines.sim.physics import CONTROL_DT
@@ -35,10 +30,6 @@ from lacoloco.pipelines.training.critic import critic_only, for_critic
 from lacoloco.pipelines.training.pretraining import PretrainingLog
 from lacoloco.robots.spec import RobotSpec
 
-ASKED_AFTER, ALL_ASKED = 0.5, 2
-"""Factors on the gradient steps of cloning, before each round of questions to the experts and after
-the last one. The H1's low level fell in 39 % of the episodes after 1500 steps, in 16 % after 4000.
-"""
 LONG_HORIZON_S = 10.0
 """Length of the episodes of the reach task [s]."""
 
@@ -107,9 +98,21 @@ class LowTrainer:
             device=device,
             critic_only=critic_only(self.env, config.observation),
         )
-        self.labels: ExpertLabels | None = None
+        self.start: ClonedStart | None = None
         if config.bc_steps:
-            self._prepare_cloning(library, experts or {})
+            self.start = ClonedStart(
+                spec,
+                library,
+                self.motions,
+                config,
+                self.env,
+                experts or {},
+                self.generator,
+                seed + 5,
+            )
+            self.algorithm.labelled = self.start.labelled
+            if self.start.labels is not None:
+                self.algorithm.answers = self.start.answers
         self.head = Head(
             "low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate"
         )
@@ -120,24 +123,6 @@ class LowTrainer:
         self.recent_falls: list[float] = []
         self.algorithm.warm_up(self._first_observations())
         self.algorithm.keeps_normalizer = config.bc_steps > 0
-
-    def _prepare_cloning(self, library: MotionLibrary, experts: Mapping[str, Policy]) -> None:
-        """What cloning needs: the clips' states, latents for them, and who is asked."""
-        config = self.config
-        self.clips = clip_states(library)
-        timeline = self.clips.flattened()
-        self.embedding = SkillEmbedding(timeline, config.latents.dim, config.windows)
-        self.algorithm.labelled = LabelledTransitions(timeline, self.embedding, self._starts)
-        if config.expert_rounds:
-            self.labels = ExpertLabels(
-                self.spec,
-                library,
-                self.clips,
-                experts,
-                worlds=config.expert_worlds,
-                hold_steps=config.latents.max_steps,
-                seed=self.seed + 5,
-            )
 
     @property
     def iterations(self) -> int:
@@ -156,59 +141,15 @@ class LowTrainer:
             rounds of questions to the experts also the falls per 1000 steps in the last round, and
             the share of episodes under switching latents that end in a fall.
         """
-        config, actor = self.config, self.algorithm.actor
-        metrics = self._clone(log or PretrainingLog())
+        config, actor, start = self.config, self.algorithm.actor, self.start
+        assert start is not None, "nothing is to be cloned"
+        metrics = start.fit(actor, log or PretrainingLog())
         if config.expert_rounds:
             cloned = Policy(self.head, actor)
             switching = latent_switching_robustness(self.spec, cloned, seed=self.seed)
             metrics["cloned_switching_fall_rate"] = switching["switching_fall_rate"]
-        parallel.copy_from_first(actor, self.embedding)
+        parallel.copy_from_first(actor, start.embedding)
         return metrics | {"clone_cosine": self.algorithm.fit_encoder(config.bc_steps // 4)}
-
-    def _clone(self, log: PretrainingLog) -> dict[str, float]:
-        """Fit the actor to the clips, ask the experts and fit again; returns what that came to."""
-        config, actor = self.config, self.algorithm.actor
-        rounds = CloningRounds(self._cloning(), actor, self.labels)
-        asked = config.expert_rounds or 0
-        before = round(ASKED_AFTER * config.bc_steps)
-        last = config.bc_steps * (ALL_ASKED if asked else 1)
-        answers = self.labels.steps if self.labels is not None else 0
-        log.start("cloning the clips", asked * (before + answers) + last)
-        for number in log.rounds(rounds, asked + 1):
-            watch = log.fitting(number)
-            if number <= asked:
-                rounds.cloning.fit(actor, before, watch)
-                falls = rounds.ask(self.env.noise_scale, config.exploration_std, log.advance)
-                log.advance(0, falls_per_1000_steps=falls)
-            else:
-                rounds.metrics["clone_error"] = rounds.cloning.fit(actor, last, watch)
-        log.stop()
-        return dict(rounds.metrics)
-
-    def _cloning(self) -> Cloning:
-        """The clips as data to clone."""
-        config, env = self.config, self.env
-        moves = infer_actions(self.spec, self.clips, env.task.action_scale)
-        actions, previous = with_memory(self.clips, moves, env.task.memory)
-        noise = env.noise_scale
-        data = CloningData(
-            self.clips.flattened().frames,
-            previous,
-            actions,
-            noise,
-            before=self.clips.before,
-            history=config.observation.of_policy.history,
-            columns=None if env.view is None else env.view.columns,
-        )
-        if config.expert_rounds:
-            # Who is asked knows the state and the last action. Fitted to noisy views of them, the
-            # answers shrink: small corrections that keep a robot up, and steps from the last action
-            # by which an arm is led.
-            data = replace(data, noise=torch.zeros_like(noise), action_noise=0.0)
-        scattered = config.latent_noise if config.expert_rounds else 0.0
-        return Cloning(
-            self.clips, self.embedding, data, self._cloned, self.generator, latent_noise=scattered
-        )
 
     def demonstrations(self, count: int) -> torch.Tensor:
         """(count, 2F) clean style transitions of the clips, older frame first, like the agent's
@@ -287,20 +228,6 @@ class LowTrainer:
         self.env.set_episodes(self.long_horizon, LONG_HORIZON_S, clip_share=0.0)
         self.latents.random_walk = self.long_horizon
 
-    def _starts(self, count: int) -> torch.Tensor:
-        """(count,) rows of the clips' states, drawn as demonstrations are."""
-        return self.clips.rows(
-            *self.motions.sample(count, generator=self.generator, margin=CONTROL_DT)
-        )
-
-    def _cloned(self, count: int) -> torch.Tensor:
-        """(count,) rows at which the windows to be cloned start: some at the beginning of a clip,
-        the others anywhere.
-        """
-        clips, times = self.motions.sample(count, generator=self.generator, margin=CONTROL_DT)
-        times[: round(self.config.bc_clip_start_fraction * count)] = 0.0
-        return self.clips.rows(clips, times)
-
     def _examine(self, progress: float) -> dict[str, float]:
         done = round(progress * self.iterations) + 1
         before, after = (count * self.samples_per_iteration for count in (done - 1, done))
@@ -345,7 +272,8 @@ class LowTrainer:
             "generator": self.generator.get_state(),
             "recent_falls": self.recent_falls,
             "chosen": self.selection.chosen,
-        } | ({"embedding": self.embedding.state_dict()} if self.config.bc_steps else {})
+            **(self.start.state_dict() if self.start is not None else {}),
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """See :class:`lacoloco.pipelines.training.trainer.Trainer`."""
@@ -357,8 +285,8 @@ class LowTrainer:
         self.generator.set_state(state["generator"])
         self.recent_falls = list(state["recent_falls"])
         self.selection.chosen = state["chosen"]
-        if self.config.bc_steps:
-            self.embedding.load_state_dict(state["embedding"])
+        if self.start is not None:
+            self.start.load_state_dict(state)
 
     def _observe(self) -> TensorDict:
         groups = {POLICY: self.env.observe(), LATENT: self.latents.z}

@@ -30,7 +30,7 @@ def work(path):
         metrics = [trainer.iterate(progress) for progress in (0.0, 0.4, 0.8)]
         algorithm = trainer.algorithm
         state = {name: getattr(algorithm, name).state_dict() for name in (*MODULES, *OPTIMIZERS)}
-        state["embedding"] = trainer.embedding.state_dict()
+        state["embedding"] = trainer.start.embedding.state_dict()
         result = {
             "state": {**state, "c_max": trainer.terminations.state_dict()},
             "worlds": trainer.env.physics.qpos,

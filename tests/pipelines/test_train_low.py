@@ -265,8 +265,8 @@ def test_what_is_cloned_begins_where_clips_begin_more_often_than_it_would(solo12
     trainer = LowTrainer(
         solo12, motions, replace(smoke(), bc_clip_start_fraction=0.25), seed=0, device="cpu"
     )
-    rows = trainer._cloned(400)
-    at_the_beginning = torch.isin(rows, trainer.clips.first).float().mean()
+    rows = trainer.start.cloned(400)
+    at_the_beginning = torch.isin(rows, trainer.start.clips.first).float().mean()
     assert 0.25 <= at_the_beginning < 0.3
 
 

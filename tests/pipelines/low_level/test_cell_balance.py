@@ -76,7 +76,7 @@ def test_demonstrations_and_resets_are_balanced_and_coverage_is_not(solo12, most
     trainer = LowTrainer(solo12, mostly_standing, config, seed=0, device="cpu")
     assert trainer.env.motions is trainer.motions
     assert trainer.selection.motions is mostly_standing
-    for drawn in (trainer.motions.shares()[0], (trainer._starts(2000) < 26).float().mean()):
+    for drawn in (trainer.motions.shares()[0], (trainer.start.starts(2000) < 26).float().mean()):
         assert float(drawn) == pytest.approx(0.5, abs=0.05)
     speed = trainer.demonstrations(2000)[:, 4]
     assert float((speed > 0.2).float().mean()) == pytest.approx(0.5, abs=0.05)

@@ -96,7 +96,9 @@ def test_an_interrupted_pretraining_goes_on_after_its_last_round(
     assert told.said == ["going on after round 1 of 3"]
     assert told.done[0] == ROUND and told.done[-1] == told.total
     assert metrics == expected
-    networks = [(t.algorithm.actor, t.embedding, t.algorithm.encoder) for t in (straight, resumed)]
+    networks = [
+        (t.algorithm.actor, t.start.embedding, t.algorithm.encoder) for t in (straight, resumed)
+    ]
     for one, other in zip(*networks, strict=True):
         for name, value in one.state_dict().items():
             assert torch.equal(value, other.state_dict()[name]), name
