@@ -206,8 +206,15 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
             entry = result.setdefault(name, {"seeds": len(values)})
             entry[f"{metric}_mean"] = float(values.mean())
             entry[f"{metric}_spread"] = float(values.std(ddof=1)) if len(values) > 1 else 0.0
-            entry[f"{metric}_interval"] = over_seeds(values.tolist())
+            entry[f"{metric}_interval"] = over_seeds(values.tolist(), _range(metric))
     return result
+
+
+def _range(metric: str) -> tuple[float, float]:
+    """Where a metric can lie."""
+    if metric == "task_reward":
+        return -math.inf, math.inf
+    return 0.0, 100.0 if metric.endswith("_pct") else math.inf
 
 
 def _selection(row: dict[str, Any]) -> float:

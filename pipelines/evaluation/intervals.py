@@ -63,13 +63,17 @@ def unanimous(all_of_them: bool, episodes: int) -> list[float]:
     return [edge, 100.0] if all_of_them else [0.0, 100.0 - edge]
 
 
-def over_seeds(values: Sequence[float]) -> list[float] | None:
-    """Student's interval [low, high] of the mean over seeds; None for a single one."""
+def over_seeds(
+    values: Sequence[float], within: tuple[float, float] = (-math.inf, math.inf)
+) -> list[float] | None:
+    """Student's interval [low, high] of the mean over seeds, cut to where the metric can lie; None
+    for a single one.
+    """
     if len(values) < 2:
         return None
     mean, half = statistics.fmean(values), t_quantile(len(values) - 1)
     half *= statistics.stdev(values) / math.sqrt(len(values))
-    return [mean - half, mean + half]
+    return [max(within[0], mean - half), min(within[1], mean + half)]
 
 
 def t_quantile(degrees: int) -> float:

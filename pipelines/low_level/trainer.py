@@ -235,18 +235,18 @@ class LowTrainer:
         if parallel.rank() or not last and not (every and after // every > before // every):
             return {}
         actor = self.algorithm.actor
-        if last or progress >= self.config.choose_from:
-            return self.selection.examine(actor, after * parallel.size())
-        return self.selection.measure(actor)
+        if not last and progress < self.config.choose_from:
+            return self.selection.measure(actor)
+        metrics = self.selection.examine(actor, after * parallel.size())
+        # The last warnings are of the policy that is kept.
+        return self.selection.confirm(actor) if last else metrics
 
     def closing_metrics(self) -> dict[str, float]:
         """What is known at the end only.
 
         Returns:
             Falls in the last hundredth of the samples; the clips' mean planar speed [m/s], to
-            compare with ``speed``; worlds that diverged; what
-            :meth:`~lacoloco.pipelines.low_level.checkpoint_selection.Selection.confirm` says of the
-            chosen policy.
+            compare with ``speed``; worlds that diverged.
         """
         last = max(1, len(self.recent_falls) // 100)
         frames = self.demonstrations(16384)[:, : self.algorithm.transitions.shape[-1] // 2]
@@ -254,7 +254,6 @@ class LowTrainer:
             "falls_last_1pct": sum(self.recent_falls[-last:]),
             "clip_speed": float(frames[:, 4:6].norm(dim=-1).mean()),
             "diverged_worlds": float(self.env.diverged_total),
-            **self.selection.confirm(self.algorithm.actor),
         }
 
     def policy(self) -> Policy:

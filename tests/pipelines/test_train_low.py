@@ -221,11 +221,18 @@ def test_a_new_episode_has_a_new_latent_and_its_last_state_the_old_one(make_trai
 def test_closing_metrics_compare_with_the_clips(make_trainer):
     trainer = make_trainer()
     trainer.recent_falls = [5.0] * 199 + [2.0]
-    trainer.selection.confirm = lambda actor: {"score": 0.3, "chosen_after": 640.0}
     metrics = trainer.closing_metrics()
     assert metrics["falls_last_1pct"] == 7.0
     assert metrics["clip_speed"] == pytest.approx(0.4, abs=0.01)
     assert metrics["diverged_worlds"] == 0.0
+
+
+def test_the_last_metrics_are_of_the_policy_that_is_kept(make_trainer):
+    """Warnings and the artifact's metrics come from them."""
+    trainer = make_trainer()
+    trainer.selection.confirm = lambda actor: {"score": 0.3, "chosen_after": 640.0}
+    trainer.selection.examine = lambda actor, samples: {"score": 0.9}
+    metrics = trainer.iterate(1.0 - 1.0 / trainer.iterations)
     assert (metrics["chosen_after"], metrics["score"]) == (640.0, 0.3)
 
 

@@ -23,6 +23,7 @@ def test_over_seeds_by_hand():
     assert intervals.over_seeds([1.0]) is None
     low, high = intervals.over_seeds([1.0, 2.0, 3.0])
     assert (low, high) == pytest.approx((2 - 4.303 / 3**0.5, 2 + 4.303 / 3**0.5))
+    assert intervals.over_seeds([99.0, 97.0], (0.0, 100.0)) == pytest.approx([98 - 12.706, 100])
 
 
 def test_a_unanimous_share_is_not_certain():
