@@ -90,7 +90,7 @@ def test_the_chosen_policy_is_measured_again_on_other_seeds(trainer, monkeypatch
     examined(trainer, [0.2, 0.1, 0.3])
     before = trainer.selection.chosen
     monkeypatch.setattr(Selection, "measure", measure)
-    closing = trainer.closing_metrics()
+    closing = trainer.selection.confirm(trainer.algorithm.actor)
     assert seeds == [0, 0, 0, OTHER_SEED]
     assert closing["score"] == pytest.approx(0.4 + 4.0 * 0.1)
     assert closing["chosen_score"] == pytest.approx(0.1)
