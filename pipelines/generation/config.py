@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated
 
 from lacoloco.datasets.config_values import Factor, PositiveFactor, Ramp, Steps, Within, Worlds
 from lacoloco.pipelines.learn.networks import NetworkConfig
@@ -20,8 +20,6 @@ class ExpertConfig:
         reward_scale: Factor on the task's reward, so that returns are near 1.
         ramp: Shares of the training between which the constraints rise from nothing to full
             strength.
-        shift: "hardware": worlds differ by what ``lacoloco eval --shift hardware`` adds, as those
-            of low and high level with their ``shift``. "": as usual.
         std: Exploration std at the start and at the end, in raw action units. On a schedule: a
             learned one collapses within a million samples, long before the foot has found its
             target.
@@ -31,7 +29,6 @@ class ExpertConfig:
     samples: Steps = 2_500_000
     reward_scale: PositiveFactor = 3.0
     ramp: Ramp = (0.05, 0.6)
-    shift: Literal["", "hardware"] = ""
     std: Annotated[tuple[float, float], Within(0, 100, above=True)] = (0.5, 0.15)
     ppo: PpoConfig = field(
         default_factory=lambda: PpoConfig(

@@ -10,7 +10,6 @@ from typing import Any, cast
 import torch
 from tensordict import TensorDict
 
-from lacoloco.pipelines.evaluation.hardware_shift import IN_TRAINING
 from lacoloco.pipelines.generation.config import ExpertConfig
 from lacoloco.pipelines.generation.transfer import transferred
 from lacoloco.pipelines.learn.cat import SoftTerminations, ramp
@@ -49,8 +48,6 @@ class ExpertTrainer:
         torch.manual_seed(seed)
         # Its clips must show every robot and floor that the low level will meet.
         self.config, self.task = config, without_noise(load_task(spec, task_name))
-        if config.shift:
-            self.task = IN_TRAINING.apply(self.task)
         self.env = LeggedEnv(spec, self.task, config.worlds, seed=seed, device=device)
         self.env.stagger()
         sizes = {POLICY: width(self.env.terms)}

@@ -9,6 +9,7 @@ import torch
 from lacoloco.datasets import published
 from lacoloco.datasets.motion_library import MotionLibrary
 from lacoloco.pipelines.errors import StageError
+from lacoloco.pipelines.evaluation.hardware_shift import IN_TRAINING
 from lacoloco.pipelines.generate import smoke
 from lacoloco.pipelines.generation.config import smoke_expert
 from lacoloco.pipelines.generation.expert_trainer import ExpertTrainer
@@ -19,6 +20,7 @@ from lacoloco.pipelines.policies import load_policies
 from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, with_memory
 from lacoloco.pipelines.sim.gait.clock import MEMORY, MEMORY_UNIT
 from lacoloco.pipelines.sim.physics import CONTROL_DT
+from lacoloco.pipelines.sim.state import style_frame
 from lacoloco.pipelines.sim.tasks import load_task
 from lacoloco.pipelines.stage import StageContext
 
@@ -43,11 +45,11 @@ def make_context(tmp_path):
     return lambda: StageContext(RunStore(tmp_path / "runs"), "run")
 
 
-def labels_for(robot, clips, experts, worlds=8):
+def labels_for(robot, clips, experts, worlds=8, shifted=False):
     library = MotionLibrary(clips)
     states = clip_states(library)
     return ExpertLabels(
-        robot, library, states, experts, worlds=worlds, hold_steps=149, seed=0
+        robot, library, states, experts, worlds=worlds, hold_steps=149, seed=0, shifted=shifted
     ), states
 
 
@@ -133,6 +135,28 @@ def test_a_policy_is_asked_with_the_noise_of_training(robot, recorded):
     assert off[:, 2:].abs().max() == 0.0 and 0.02 < off[:, 1].abs().max() <= 0.05
     own = told.previous[(told.previous.abs() < 0.1).all(dim=1)]
     assert 0.01 < own[own != 0.0].std() < 0.03
+
+
+def test_in_shifted_worlds_a_policy_is_asked_about_what_its_sensors_say(solo12, recorded):
+    """Encoders that are off show other joint positions than there are; an expert sees the same."""
+    clips, experts = recorded
+    if clips[0].joint_names != solo12.joint_names:
+        pytest.skip("one robot is enough")
+    labels, _ = labels_for(solo12, clips, experts, shifted=True)
+    env = labels.experts["walk"].env
+    assert env.task.disturbances == IN_TRAINING.apply(env.task).disturbances
+    seen = []
+
+    def student(observation, rows):
+        there = style_frame(env.state)
+        assert env.observe()[:, : there.shape[1]].equal(observation[:, : there.shape[1]])
+        seen.append(observation[:, : there.shape[1]] - there)
+        return torch.zeros(len(rows), solo12.num_joints)
+
+    width = 10 + 3 * solo12.num_joints
+    told, _ = labels.collect(student, torch.zeros(width), 0.0)
+    assert torch.cat(seen).abs().max() > 0.01
+    assert told.frames.shape[1] == seen[0].shape[1]
 
 
 def test_states_know_which_one_was_before():
