@@ -15,7 +15,7 @@ from lacoloco.datasets.artifact import Artifact, write_artifact
 from lacoloco.datasets.config_values import Length, Rising, Within, Worlds, check_config
 from lacoloco.datasets.hardware import describe_machine
 from lacoloco.pipelines.errors import StageError
-from lacoloco.pipelines.evaluation.episodes import METRICS, Episodes, play_episodes
+from lacoloco.pipelines.evaluation.episodes import METRICS, play_episodes
 from lacoloco.pipelines.evaluation.hardware_shift import hardware_shift, rows_here
 from lacoloco.pipelines.evaluation.intervals import over_seeds
 from lacoloco.pipelines.evaluation.task_reward import task_reward
@@ -106,44 +106,29 @@ def run(
         StageError: policies of tasks that cannot be compared, or a shift that cannot be played.
     """
     check_config(config)
-    _check_shift(config, context, policies)
-    # Before anything begins: what cannot be read leaves nothing, and wastes no evaluation.
-    opened = [load_policies(path, "low", "high", device=context.device) for path in policies]
+    # Before anything begins: what cannot be evaluated leaves nothing, and wastes no evaluation.
+    candidates = [_candidate(path, config, context) for path in policies]
+    _check(config, context, candidates)
     directory = context.store.begin(context.run, "eval", at_once=True)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
-    for index, (path, (artifact, loaded)) in enumerate(zip(policies, opened, strict=True)):
-        spec = robot_of(artifact, context.progress.say)
-        context.progress.start(
-            f"eval {artifact.metadata['method']} seed {artifact.seed}", config.episodes
-        )
-        task = task_of(artifact, spec)
-        # As noise, disturbances that a policy was trained with are off in evaluation.
-        usual = config.randomisation(task.randomisation)
-        task = replace(task, randomisation=usual, disturbances=UNDISTURBED)
-        if not task.has_target:
-            rows.append(_reward_row(artifact, path, spec, task, loaded, config, context))
-            context.progress.stop()
-            continue
-        play = partial(
-            play_episodes, spec, loaded, worlds=config.worlds, device=context.device, task=task
-        )
-        test_seed, selection_seed = PROTOCOLS[config.protocol]
-        reported = play(config.episodes, seed=test_seed, progress=context.progress)
-        chosen = play(config.selection_episodes, seed=selection_seed)
-        rows.append(_row(artifact, path, config, reported, chosen))
-        arrays |= {f"{index}/{name}": value for name, value in reported.arrays().items()}
+    for index, candidate in enumerate(candidates):
+        method, seed = candidate.artifact.metadata["method"], candidate.artifact.seed
+        context.progress.start(f"eval {method} seed {seed}", config.episodes)
+        if candidate.task.has_target:
+            row, kept = _row(candidate, config, context)
+            arrays |= {f"{index}/{name}": value for name, value in kept.items()}
+        else:
+            row = _reward_row(candidate, config, context)
+        rows.append(row)
         context.progress.stop()
-    if len({"task_reward" in row for row in rows}) > 1:
-        raise StageError("policies with a target and without one: evaluate them one kind at a time")
     for row, name in zip(rows if names else [], names, strict=True):
         row["variant"] = name
     best = min(rows, key=_selection)
     metadata: dict[str, Any] = {"rows": rows, "best": best, "summary": summary(rows)}
     metadata["protocol"] = config.protocol
     if config.shift:
-        metadata["shift"] = _shift(config, context, spec, loaded, task)
-    robot = record_of(spec)
+        metadata["shift"] = _shift(candidates[0], config, context)
     write_artifact(
         directory.file("artifact.h5"),
         "lacoloco/evaluation",
@@ -151,37 +136,56 @@ def run(
         metadata=metadata | {"hardware": {"device": context.device, **describe_machine()}},
         config=asdict(config),
         seed=context.seed,
-        robot=robot,
+        robot=record_of(candidates[-1].spec),
         parents=list(policies),
         command=context.command,
     )
     return StageResult(directory.complete(), metadata)
 
 
-def _check_shift(config: EvalConfig, context: StageContext, policies: Sequence[Path]) -> None:
+@dataclass(frozen=True)
+class _Candidate:
+    """A policy to evaluate, its robot, and its task as it is evaluated."""
+
+    path: Path
+    artifact: Artifact
+    policies: Mapping[str, Policy]
+    spec: RobotSpec
+    task: Task
+
+
+def _candidate(path: Path, config: EvalConfig, context: StageContext) -> _Candidate:
+    artifact, policies = load_policies(path, "low", "high", device=context.device)
+    spec = robot_of(artifact, context.progress.say)
+    task = task_of(artifact, spec)
+    # As noise, disturbances that a policy was trained with are off in evaluation.
+    usual = config.randomisation(task.randomisation)
+    task = replace(task, randomisation=usual, disturbances=UNDISTURBED)
+    return _Candidate(path, artifact, policies, spec, task)
+
+
+def _check(config: EvalConfig, context: StageContext, candidates: Sequence[_Candidate]) -> None:
+    if len({candidate.task.has_target for candidate in candidates}) > 1:
+        raise StageError("policies with a target and without one: evaluate them one kind at a time")
     if not config.shift:
         return
     rows_here(config.shift_rows)
-    if len(policies) != 1:
+    if len(candidates) != 1:
         raise StageError(f"shift={config.shift} is for one policy at a time; name it with --policy")
     if context.device != "cpu":
         raise StageError(f"--device {context.device}: shift={config.shift} runs on the CPU")
+    if not candidates[0].task.has_target:
+        raise StageError(f"shift={config.shift} counts distances; the policy's task has no target")
 
 
 def _shift(
-    config: EvalConfig,
-    context: StageContext,
-    spec: RobotSpec,
-    policies: Mapping[str, Policy],
-    task: Task,
+    candidate: _Candidate, config: EvalConfig, context: StageContext
 ) -> list[dict[str, Any]]:
     """The table of the hardware shift, on the reported episodes."""
-    if not task.has_target:
-        raise StageError(f"shift={config.shift} counts distances; the policy's task has no target")
     return hardware_shift(
-        spec,
-        policies,
-        task,
+        candidate.spec,
+        candidate.policies,
+        candidate.task,
         rows_here(config.shift_rows),
         episodes=config.episodes,
         worlds=config.worlds,
@@ -223,47 +227,44 @@ def _selection(row: dict[str, Any]) -> float:
     return score if math.isfinite(score) else math.inf  # all of its worlds diverged
 
 
-def _reward_row(
-    artifact: Artifact,
-    path: Path,
-    spec: RobotSpec,
-    task: Task,
-    policies: Mapping[str, Policy],
-    config: EvalConfig,
-    context: StageContext,
-) -> dict[str, Any]:
+def _reward_row(candidate: _Candidate, config: EvalConfig, context: StageContext) -> dict[str, Any]:
     """The row of a policy whose task has no target: what the task pays it per second."""
     test_seed, selection_seed = PROTOCOLS[config.protocol]
-    reported = task_reward(
-        spec, task, policies, episodes=config.episodes, seed=test_seed, device=context.device
+    play = partial(
+        task_reward, candidate.spec, candidate.task, candidate.policies, device=context.device
     )
-    chosen = task_reward(
-        spec,
-        task,
-        policies,
-        episodes=config.selection_episodes,
-        seed=selection_seed,
-        device=context.device,
-    )
+    reported = play(episodes=config.episodes, seed=test_seed)
+    chosen = play(episodes=config.selection_episodes, seed=selection_seed)
     return {
-        "method": artifact.metadata["method"],
-        "seed": artifact.seed,
+        "method": candidate.artifact.metadata["method"],
+        "seed": candidate.artifact.seed,
         "episodes": config.episodes,
-        "task": task.name,
+        "task": candidate.task.name,
         **reported,
         "selection_reward": chosen["task_reward"],
-        "policy": str(path),
+        "policy": str(candidate.path),
     }
 
 
 def _row(
-    artifact: Artifact, path: Path, config: EvalConfig, reported: Episodes, chosen: Episodes
-) -> dict[str, Any]:
-    selection = chosen.metrics()
+    candidate: _Candidate, config: EvalConfig, context: StageContext
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The row of a policy with targets, and its episodes."""
+    play = partial(
+        play_episodes,
+        candidate.spec,
+        candidate.policies,
+        worlds=config.worlds,
+        device=context.device,
+        task=candidate.task,
+    )
+    test_seed, selection_seed = PROTOCOLS[config.protocol]
+    reported = play(config.episodes, seed=test_seed, progress=context.progress)
+    selection = play(config.selection_episodes, seed=selection_seed).metrics()
     error, falls = selection["ee_error_mean_m"], selection["falls_pct"]
     return {
-        "method": artifact.metadata["method"],
-        "seed": artifact.seed,
+        "method": candidate.artifact.metadata["method"],
+        "seed": candidate.artifact.seed,
         "episodes": config.episodes,
         **reported.metrics(),
         "intervals": reported.intervals(),
@@ -274,5 +275,5 @@ def _row(
         "selection_error_m": error,
         "selection_falls_pct": falls,
         "selection_score_m": error + FALL_COST_M * falls / 100.0,
-        "policy": str(path),
-    }
+        "policy": str(candidate.path),
+    }, reported.arrays()

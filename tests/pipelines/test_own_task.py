@@ -1,5 +1,6 @@
 """A high level trained on a task of one's own: it follows a velocity instead of reaching."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import torch
 
 from lacoloco.datasets.store import RunStore
 from lacoloco.pipelines import evaluate, export, train_high
+from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.evaluation.rollout import record_reach
 from lacoloco.pipelines.learn.networks import NetworkConfig, make_actor
 from lacoloco.pipelines.play import PlaybackConfig, policy_recordings
@@ -63,6 +65,16 @@ def test_its_evaluation_reports_the_tasks_reward(trained, context):
     assert row["task_reward"] > 0
     assert 0 <= row["falls_pct"] <= 100
     assert "ee_error_mean_m" not in row
+
+
+def test_what_cannot_be_evaluated_with_it_leaves_no_evaluation(trained, low, context):
+    config = evaluate.PRESETS["smoke"]()
+    with pytest.raises(StageError, match="the policy's task has no target"):
+        evaluate.run(replace(config, shift="hardware"), context, policies=[trained.artifact])
+    reaches = train_high.run(train_high.smoke(), context, low=low)
+    with pytest.raises(StageError, match="one kind at a time"):
+        evaluate.run(config, context, policies=[trained.artifact, reaches.artifact])
+    assert not (context.store.root / context.run / "eval").exists()
 
 
 def test_it_is_played_and_exported_on_its_own_task(trained, context):
