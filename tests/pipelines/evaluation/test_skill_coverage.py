@@ -129,5 +129,6 @@ def test_coverage_is_measured_when_its_samples_are_full_and_at_the_end(solo12, m
     trainer = LowTrainer(solo12, motions, config, seed=0, device="cpu")
     trainer.selection.measure = lambda actor: {"coverage_walk": 0.5}
     trainer.selection.examine = lambda actor, samples: {"coverage_walk": 0.5, "score": 0.0}
+    trainer.selection.confirm = trainer.selection.measure
     seen = ["coverage_walk" in trainer.iterate(step / 5) for step in range(5)]
     assert seen == [False, True, False, True, True], "after 256, 512 and all 640 samples"

@@ -1,5 +1,6 @@
 import pytest
 import torch
+from small_ase import small_ase
 from tensordict import TensorDict
 
 from lacoloco.pipelines.learn.networks import NetworkConfig
@@ -31,3 +32,9 @@ def observe():
         )
 
     return factory
+
+
+@pytest.fixture
+def make_ase():
+    """Factory of a small adversarial learner."""
+    return small_ase

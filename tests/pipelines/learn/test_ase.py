@@ -2,67 +2,13 @@
 
 import copy
 import math
-from types import SimpleNamespace
 
 import pytest
 import torch
-from tensordict import TensorDict
+from small_ase import HORIZON, LATENT, WORLDS, fill, observe
 
-from lacoloco.pipelines.learn.ase import Ase, AseConfig
 from lacoloco.pipelines.learn.gan import GanConfig
 from lacoloco.pipelines.learn.latents import project
-from lacoloco.pipelines.learn.networks import NetworkConfig
-from lacoloco.pipelines.learn.ppo import PpoConfig
-
-WORLDS, HORIZON, LATENT = 8, 4, 3
-
-
-def demonstrations(count):
-    return torch.randn(count, 4, generator=torch.Generator().manual_seed(count))
-
-
-@pytest.fixture
-def make_ase():
-    """Factory of a small learner: frames of 2 numbers, latents of 3."""
-
-    def factory(worlds=WORLDS, horizon=HORIZON, seed=0, **changes):
-        torch.manual_seed(0)
-        options = {"updates": 3, "batch": 16, "replay_capacity": 64, **changes}
-        return Ase(
-            {"policy": 5, "latent": LATENT},
-            2,
-            worlds,
-            demonstrations,
-            ppo=PpoConfig(horizon=horizon, epochs=1, minibatches=1),
-            networks=NetworkConfig(actor=(16,), critic=(16,)),
-            ase=AseConfig(**options),
-            seed=seed,
-        )
-
-    return factory
-
-
-def observe(worlds, seed):
-    generator = torch.Generator().manual_seed(seed)
-    return TensorDict(
-        {
-            "policy": torch.randn(worlds, 5, generator=generator),
-            "latent": project(torch.randn(worlds, LATENT, generator=generator)),
-        },
-        batch_size=[worlds],
-    )
-
-
-def fill(ase, frames=None, valid=None, reward=0.0):
-    """Record a rollout; ``frames(step)`` gives the older frame (N, 2), the newer one is +0.5."""
-    worlds = ase.num_worlds
-    nobody = torch.zeros(worlds, dtype=torch.bool)
-    for step in range(ase.config.horizon):
-        ase.act(observe(worlds, step))
-        older = frames(step) if frames else torch.randn(worlds, 2)
-        ase.record_transition(older, older + 0.5, ~nobody if valid is None else valid)
-        ase.record(torch.full((worlds,), reward), nobody, nobody, observe(worlds, step + 1))
-    return observe(worlds, ase.config.horizon)
 
 
 @pytest.fixture(params=["gan", "drail"])
@@ -235,55 +181,6 @@ def test_more_updates_than_rows_wrap_around(make_ase):
     ase.compute_returns(fill(ase))
     ase.update()
     assert [len(each) for each in seen] == [64] * 5
-
-
-def test_diversity_by_hand(make_ase, monkeypatch):
-    """(1 - |mu(z) - mu(z')|^2 / 2 / D_z)^2 with D_z = 0.5 (1 - z . z'), over the exploring rows of
-    the first quarter.
-    """
-    ase = make_ase(diversity=0.01)
-    z = torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    other = torch.tensor([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
-    monkeypatch.setattr(torch, "randn_like", lambda tensor: 3.0 * other)
-    mean, moved = torch.zeros(3, 2), torch.tensor([[1.0, 0.0], [1.0, 1.0], [9.0, 9.0]])
-    ase.actor = lambda obs: moved if torch.equal(obs["latent"], other) else None
-    explore = torch.tensor([[1.0], [1.0], [0.0]])
-    groups = {"policy": torch.zeros(3, 5), "latent": z, "explore": explore}
-    batch = SimpleNamespace(observations={name: rows.repeat(4, 1) for name, rows in groups.items()})
-    mean = torch.cat((mean, torch.full((9, 2), 7.0)))
-    # D_z is 0.5 and 1; mean squared moves are 0.5 and 1: both ratios are 1.
-    losses = ase.auxiliary_losses(batch, mean)
-    assert list(losses) == ["diversity"]
-    assert float(losses["diversity"]) == pytest.approx(0.0, abs=1e-6)
-    moved[1] = 0.0
-    again = ase.auxiliary_losses(batch, mean)["diversity"]
-    assert float(again) == pytest.approx(0.01 * 0.5, rel=1e-3)
-    assert make_ase(diversity=0.0).auxiliary_losses(batch, mean) == {}
-
-
-def test_distance_to_experts_by_hand(make_ase):
-    """Weight times the sum of (mean - label)^2 / (2 std^2); what nobody knows counts nothing."""
-    ase = make_ase(diversity=0.0, label_weight=2.0)
-    assert ase.auxiliary_losses(None, None) == {}, "nobody was asked"
-    std = torch.tensor([0.5, 1.0])
-    ase.actor = lambda obs: torch.tensor([[1.0, 2.0], [3.0, 4.0]])
-    ase.actor.distribution = SimpleNamespace(log_std_param=std.log())
-    labels = torch.tensor([[1.0, 1.0], [2.0, math.nan]])
-    ase.answers = lambda count: (None, labels)
-    by_hand = 2.0 * 0.5 * ((0.0 + 1.0) + (4.0 + 0.0)) / 2
-    assert float(ase.auxiliary_losses(None, None)["label"]) == pytest.approx(by_hand)
-
-
-def test_a_policy_that_experts_answer_comes_nearer_to_them(make_ase):
-    ase = make_ase(diversity=0.0, label_weight=10.0)
-    wanted = torch.full((8, ase.storage.actions.shape[-1]), 0.3)
-    distances = []
-    for _ in range(40):
-        observations = fill(ase)
-        ase.answers = lambda count, seen=observations: (seen, wanted)
-        ase.compute_returns(observations)
-        distances.append(ase.update()["label"])
-    assert distances[-1] < 0.5 * distances[0]
 
 
 def test_the_encoder_learns_from_the_latent_in_force(make_ase):
