@@ -24,7 +24,6 @@ from lacoloco.pipelines.sim.clip_actions import clip_states, infer_actions, with
 from lacoloco.pipelines.sim.env import LeggedEnv
 from lacoloco.pipelines.sim.physics import CONTROL_DT
 from lacoloco.pipelines.training.pretraining import PretrainingLog
-from lacoloco.robots.spec import RobotSpec
 
 ASKED_AFTER, ALL_ASKED = 0.5, 2
 """Factors on the gradient steps of cloning, before each round of questions to the experts and after
@@ -39,11 +38,10 @@ class ClonedStart:
 
     def __init__(
         self,
-        spec: RobotSpec,
+        env: LeggedEnv,
         library: MotionLibrary,
         motions: MotionLibrary,
         config: TrainLowConfig,
-        env: LeggedEnv,
         experts: Mapping[str, Policy],
         generator: torch.Generator,
         seed: int,
@@ -51,11 +49,10 @@ class ClonedStart:
         """Prepare it.
 
         Args:
-            spec: The robot.
+            env: The training's: its robot, its scale of actions, its noise in readings.
             library: The clips.
             motions: The same, drawn as demonstrations are.
             config: Settings.
-            env: The training's; gives actions their scale and readings their noise.
             experts: Task -> the policy that performed its clips.
             generator: Source of randomness.
             seed: Of the worlds in which experts are asked.
@@ -63,14 +60,14 @@ class ClonedStart:
         Raises:
             StageError: There are to be such worlds, and no clip says what an expert was commanded.
         """
-        self.spec, self.motions, self.config = spec, motions, config
+        self.motions, self.config = motions, config
         self._env, self._generator = env, generator
         self.clips = clip_states(library)
         self.embedding = SkillEmbedding(self.clips.flattened(), config.latents.dim, config.windows)
         self.labels: ExpertLabels | None = None
         if config.expert_rounds:
             self.labels = ExpertLabels(
-                spec,
+                env.spec,
                 library,
                 self.clips,
                 experts,
@@ -119,7 +116,7 @@ class ClonedStart:
     def cloning(self) -> Cloning:
         """The clips as data to clone."""
         config, env = self.config, self._env
-        moves = infer_actions(self.spec, self.clips, env.task.action_scale)
+        moves = infer_actions(env.spec, self.clips, env.task.action_scale)
         actions, previous = with_memory(self.clips, moves, env.task.memory)
         noise = env.noise_scale
         data = CloningData(

@@ -131,10 +131,10 @@ class Cloning:
         return falls
 
     def forget(self, kept: int) -> None:
-        """Keep about ``kept`` of the experts' answers, or all."""
+        """Keep about ``kept`` of the experts' answers, or all; none where it is 0."""
         if self._asked is not None:
-            some = self._asked.sampled(kept, self._data.history, self._generator)
-            self._asked = some if kept else None
+            history, generator = self._data.history, self._generator
+            self._asked = self._asked.sampled(kept, history, generator) if kept else None
             self._joined = None
 
     @torch.no_grad()

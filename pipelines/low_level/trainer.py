@@ -98,21 +98,7 @@ class LowTrainer:
             device=device,
             critic_only=critic_only(self.env, config.observation),
         )
-        self.start: ClonedStart | None = None
-        if config.bc_steps:
-            self.start = ClonedStart(
-                spec,
-                library,
-                self.motions,
-                config,
-                self.env,
-                experts or {},
-                self.generator,
-                seed + 5,
-            )
-            self.algorithm.labelled = self.start.labelled
-            if self.start.labels is not None:
-                self.algorithm.answers = self.start.answers
+        self.start = self._cloned_start(library, experts or {}) if config.bc_steps else None
         self.head = Head(
             "low", sizes, self.env.num_actions, config.networks, layout(self.env.terms), "imitate"
         )
@@ -123,6 +109,14 @@ class LowTrainer:
         self.recent_falls: list[float] = []
         self.algorithm.warm_up(self._first_observations())
         self.algorithm.keeps_normalizer = config.bc_steps > 0
+
+    def _cloned_start(self, library: MotionLibrary, experts: Mapping[str, Policy]) -> ClonedStart:
+        config, seed = self.config, self.seed + 5
+        start = ClonedStart(self.env, library, self.motions, config, experts, self.generator, seed)
+        self.algorithm.labelled = start.labelled
+        if start.goes_on:
+            self.algorithm.answers = start.answers
+        return start
 
     @property
     def iterations(self) -> int:

@@ -15,7 +15,11 @@ from lacoloco.pipelines.low_level import trainer as low_level
 from lacoloco.pipelines.low_level.expert_labels import ExpertLabels
 from lacoloco.pipelines.stage import Silent, StageContext
 from lacoloco.pipelines.train_low import smoke
-from lacoloco.pipelines.training.checkpoint import checkpoint_path
+from lacoloco.pipelines.training.checkpoint import (
+    checkpoint_path,
+    restore_checkpoint,
+    save_checkpoint,
+)
 from lacoloco.pipelines.training.pretraining import KeptPretraining
 
 ROUNDS, STEPS, SECONDS = 2, 4, 0.2
@@ -53,9 +57,14 @@ def make_trainer(solo12, context, monkeypatch):
     config = replace(generate.smoke(), seconds=SECONDS)
     library = MotionLibrary(record(solo12, "walk", expert, 2, config, context)[0])
     config = replace(smoke(), bc_steps=STEPS, expert_rounds=ROUNDS, expert_worlds=4)
-    return lambda: low_level.LowTrainer(
-        solo12, library, config, seed=0, device="cpu", experts={"walk": expert}
-    )
+
+    def factory(label_weight=0.0):
+        own = replace(config, ase=replace(config.ase, label_weight=label_weight))
+        return low_level.LowTrainer(
+            solo12, library, own, seed=0, device="cpu", experts={"walk": expert}
+        )
+
+    return factory
 
 
 def pretrained(trainer, context, path):
@@ -105,3 +114,25 @@ def test_an_interrupted_pretraining_goes_on_after_its_last_round(
 
     again, told = pretrained(make_trainer(), context, path)
     assert again == expected and len(asked) == 3, "nothing was left but the encoder"
+
+
+def test_a_training_that_is_held_to_answers_goes_on_with_them(make_trainer, context, tmp_path):
+    """Its checkpoint holds the answers: a resumed training takes the same step."""
+    trainer = make_trainer(label_weight=1.0)
+    trainer.pretrain()
+    path = checkpoint_path(tmp_path, "held")
+    save_checkpoint(trainer, path, 1, 0.0, {}, context, {})
+    expected = trainer.iterate(0.5)
+    resumed = make_trainer(label_weight=1.0)
+    assert restore_checkpoint(resumed, path, seed=0)[0] == 1
+    metrics = resumed.iterate(0.5)
+    assert expected["label"] > 0.0 and metrics["label"] == expected["label"]
+    names = ("surrogate", "value", "kl", "diversity")
+    assert [metrics[name] for name in names] == [expected[name] for name in names]
+
+
+def test_without_a_weight_no_answer_is_kept(make_trainer):
+    trainer = make_trainer()
+    trainer.pretrain()
+    assert trainer.algorithm.answers is None and "cloning" not in trainer.state_dict()
+    assert not trainer.start.cloning.state_dict()["asked"]
