@@ -108,18 +108,26 @@ def named_source(session: Session, source: Path | None, stages: Sequence[str] = 
         DatasetError: There is nothing of that name.
     """
     from lacoloco.datasets.beside import ARTIFACT
-    from lacoloco.datasets.published import find, resolve
+    from lacoloco.datasets.published import resolve
 
     if source is None:
         return newest(session, session.run_name, stages)
     if (source / ARTIFACT).is_file():
         return source / ARTIFACT
+    run = named_run(session, source)
+    return newest(session, run, stages) if run is not None else resolve(source)
+
+
+def named_run(session: Session, source: Path) -> str | None:
+    """The run that is meant by its name or its folder; None for anything else."""
+    from lacoloco.datasets.published import find
+
     store = session.store
     named = source.parent == Path() and find(str(source)) is None
     inside = source.is_dir() and source.resolve().parent == store.root.resolve()
-    if (named or inside) and not source.is_file() and source.resolve().name in store.runs():
-        return newest(session, source.resolve().name, stages)
-    return resolve(source)
+    if not (named or inside) or source.is_file() or source.resolve().name not in store.runs():
+        return None
+    return source.resolve().name
 
 
 def write_page(
@@ -134,6 +142,8 @@ def write_page(
     from lacoloco.pipelines import play as stage
 
     config = replace(session.config(stage.PRESETS), latents=latents_of(latents))
+    if session.run is None and source is not None:
+        session.run = named_run(session, source)  # its playback belongs to it
     source = named_source(session, source)
     place = page_place(session, html) if html is not None else None
     result = stage.run(config, session.context(), source=source, names=names)

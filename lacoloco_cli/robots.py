@@ -135,6 +135,8 @@ def check_robots(
         for report in reports:
             if report.passed:
                 _show_report(report)
+        if wanted is not None and not failures:
+            typer.echo(f"next: lacoloco generate --robot {wanted}")
 
     answer = {"passed": not failures, "robots": [_report(report) for report in reports]}
     if failures:

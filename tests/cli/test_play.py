@@ -287,6 +287,14 @@ def test_a_run_is_played_by_its_folder_or_its_name(motions, tmp_path):
     assert result.exit_code == 2 and "run 'empty' has nothing to play" in result.stderr
 
 
+def test_a_playback_belongs_to_the_run_that_is_played(motions, tmp_path):
+    RunStore().use("another")
+    for arguments, run in ((["seen"], "seen"), (["seen", "--run", "mine"], "mine")):
+        result = invoke(*arguments, "--html", tmp_path / "page.html", "--json")
+        assert result.exit_code == 0, result.stderr
+        assert RunStore().newest(run, "play").parent.parent.parent.name == run
+
+
 def test_the_page_is_served_at_the_port_asked_for(motions, monkeypatch):
     import socket
 

@@ -60,7 +60,9 @@ def test_check_finds_every_robot_sound(call):
         assert values["rotations, MuJoCo - Pinocchio"] < 1e-12
         assert values["mass matrix, MuJoCo - Pinocchio"] < 1e-10
         assert values["joint order in Pinocchio"] == 0
-    assert "solo12: ok" in call("check", "solo12").stdout
+    said = call("check", "solo12").stdout
+    assert "solo12: ok" in said
+    assert said.splitlines()[-1] == "next: lacoloco generate --robot solo12"
 
 
 def test_check_draws_the_standing_robot(call, tmp_path, monkeypatch):
