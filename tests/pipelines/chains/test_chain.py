@@ -142,7 +142,7 @@ def test_robots_that_fall_have_a_recipe_of_their_own_but_for_the_smallest_preset
     low = planned.config("train-low")
     assert low.networks.actor == (512, 256, 128) and low.long_horizon_from == 0.05
     assert low.ppo.gamma == 0.9 and low.ppo.horizon == train_low.laptop().ppo.horizon
-    assert low.critic_warmup == 1.0 and planned.config("train-high").skill_dynamics.rounds == 8
+    assert low.ase.label_weight > 0.0 and planned.config("train-high").skill_dynamics.rounds == 8
     small = chain.ChainStages(humanoid, context, "smoke", "drail-cat", [], {}).config("train-low")
     assert (small.networks, small.episode_s) == (
         train_low.smoke().networks,
