@@ -7,6 +7,9 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+NO_MATTER = ("retargeting", "hindsight")
+"""Of a ``robot.toml``: how recordings become motions, and a table of before that nothing reads."""
+
 
 class RobotRecord(NamedTuple):
     """What an artifact keeps of its robot, so that it can be used where the robot's folder is gone.
@@ -44,8 +47,8 @@ class RobotRecord(NamedTuple):
 
 
 def _meant(files: Mapping[str, str]) -> dict[str, Any]:
-    """What the texts say of the robot itself: not their comments, nor how recordings become its
-    motions, which is no matter to a motion or a policy that is made.
+    """What the texts say of the robot itself: not their comments, nor what is no matter to a motion
+    or a policy that is made.
     """
     return {name: _tables(text) if name.endswith(".toml") else text for name, text in files.items()}
 
@@ -55,4 +58,4 @@ def _tables(text: str) -> Any:
         tables = tomllib.loads(text)
     except ValueError:  # of a form that only an older lacoloco reads
         return text
-    return {key: value for key, value in tables.items() if key != "retargeting"}
+    return {key: value for key, value in tables.items() if key not in NO_MATTER}

@@ -112,3 +112,9 @@ def test_versions_of_one_robot_are_not_mixed(rover, written, solo12):
         robot_of_all([])
     assert robot_of_all([after.path]).stiffness[0] == 5.0
     assert not belongs_to(before, load_robot(rover))
+
+
+def test_a_table_that_nothing_reads_makes_no_other_robot(rover, written):
+    before = written(record_of(load_robot(rover)))
+    edit(rover, "[terminations]", "[hindsight]\nstride = 0.1\n\n[terminations]")
+    assert belongs_to(before, load_robot(rover))
