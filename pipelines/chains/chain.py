@@ -18,7 +18,7 @@ from lacoloco.pipelines.chains.experiments import (
     Experiment,
     known,
 )
-from lacoloco.pipelines.chains.stage_configs import Settings, before_high
+from lacoloco.pipelines.chains.stage_configs import PAPER_METHOD, Settings, before_high
 from lacoloco.pipelines.errors import StageError
 from lacoloco.pipelines.stage import StageContext
 
@@ -55,7 +55,8 @@ def run(
             the whole chain, too.
         from_scratch: run the whole chain even where a published low level would do.
         settings: fields of the stages' configs that are neither the preset's nor the experiment's;
-            a setting of a stage that a published low level replaces asks for the whole chain.
+            a setting of a stage that a published low level replaces asks for the whole chain, and
+            so does the preset of the paper's method: ours made what is published.
 
     Raises:
         StageError: unknown experiment, preset or method.
@@ -65,7 +66,8 @@ def run(
     settings = settings or {}
     context = replace(context, or_begin=True)
     chain = ChainStages(experiment, context, preset, method, list(mocap), settings)
-    whole = from_scratch or mocap or not settings.keys().isdisjoint(before_high(experiment))
+    changed = not settings.keys().isdisjoint(before_high(experiment))
+    whole = from_scratch or mocap or changed or preset == PAPER_METHOD
     low = None if whole else published_low(experiment, method)
     if low is not None:
         context.progress.say(

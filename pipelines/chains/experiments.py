@@ -78,8 +78,8 @@ ANSWERED = {
     "critic_warmup": 0.1,
     "ase.label_weight": 0.02,
 }
-"""Of ``train-low``, for robots that lose standing under adversarial training: PPO is held to what the
-experts answered. Few samples, as it drifts from reaching.
+"""Of ``train-low``, for robots that lose standing under adversarial training: PPO is held to what
+the experts answered. Few samples, as it drifts from reaching.
 """
 WALKS_MORE: Mapping[str, Mapping[str, Any]] = {
     "train-low": {"cell_balance": 1.0, "skill_shares": (("walk", 0.7), ("reach", 0.3))},

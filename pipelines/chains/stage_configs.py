@@ -12,8 +12,9 @@ from lacoloco.pipelines.chains.experiments import METHODS, STAGES, Experiment, k
 Settings = Mapping[str, Mapping[str, Any]]
 """Verb -> dotted path of a field of its config -> value."""
 
+PAPER_METHOD = "paper-method"
 METHOD_STAGES = ("train-low", "train-high")
-"""Whose recipe is this project's: under ``paper-method`` they get the paper's method instead."""
+"""Whose recipe is this project's: under that preset they get the paper's method instead."""
 
 
 def before_high(experiment: Experiment) -> tuple[str, ...]:
@@ -35,7 +36,7 @@ def config_of(experiment: Experiment, verb: str, *, preset: str, method: str) ->
     module = import_module(f"lacoloco.pipelines.{STAGES[verb]}")
     config = known(module.PRESETS, preset, "preset")()
     config = replace(config, **experiment.settings.get(verb, {}))
-    if preset != "smoke" and not (preset == "paper-method" and verb in METHOD_STAGES):
+    if preset != "smoke" and not (preset == PAPER_METHOD and verb in METHOD_STAGES):
         config = changed(config, experiment.recipe.get(verb, {}))
     if verb == "train-low":
         discriminator, constrained = known(METHODS, method, "method")

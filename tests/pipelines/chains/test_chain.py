@@ -112,9 +112,14 @@ def test_from_scratch_other_motions_and_other_methods_need_the_whole_chain(
     ran, folder, context, tmp_path
 ):
     write(folder / "solo12-synthetic.h5")
-    for options in ({"from_scratch": True}, {"method": "gan"}, {"mocap": [tmp_path / "dog.bvh"]}):
+    for options in (
+        {"from_scratch": True},
+        {"method": "gan"},
+        {"mocap": [tmp_path / "dog.bvh"]},
+        {"preset": "paper-method"},
+    ):
         ran.clear()
-        chain.run("quickstart", context, preset="smoke", **options)
+        chain.run("quickstart", context, **{"preset": "smoke", **options})
         assert verbs(ran) == WHOLE, options
     assert context.progress.lines == []
 
