@@ -94,7 +94,8 @@ FromScratch = Annotated[
     bool,
     typer.Option(
         "--from-scratch",
-        help="Train the low level, too, instead of using a published one (quickstart).",
+        help="Train the low level, too, instead of using a published one (quickstart); "
+        "--preset paper-method always does.",
     ),
 ]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -34,10 +34,10 @@ def stage_settings(
             (the nearest is named), a field that the method decides, or a wrong type.
         StageError: Unknown preset.
     """
-    from lacoloco.pipelines.chains.stage_configs import config_of, stages_of
+    from lacoloco.pipelines.chains.stage_configs import stages_of
 
     stages = stages_of(experiment)
-    settings: dict[str, dict[str, Any]] = {}
+    asked: dict[str, dict[str, str]] = {}
     for assignment in assignments:
         target, equals, value = assignment.partition("=")
         stage, dot, path = (part.strip() for part in target.partition("."))
@@ -53,12 +53,21 @@ def stage_settings(
             raise OverrideError(
                 f"--set {assignment}: the method decides that; use --disc and --cat, or --methods"
             )
-        try:
-            # the method changes values only, so that any serves to read a field's type
-            config = config_of(experiment, stage, preset=preset, method="drail-cat")
-            config = apply_overrides(config, [f"{path}={value}"])
-        except OverrideError as error:
-            told = str(error).removeprefix("--set ")
-            raise OverrideError(f"--set {stage}.{told}") from error
-        settings.setdefault(stage, {})[path] = attrgetter(path)(config)
-    return settings
+        asked.setdefault(stage, {})[path] = value
+    return {stage: _read(experiment, stage, preset, values) for stage, values in asked.items()}
+
+
+def _read(
+    experiment: Experiment, stage: str, preset: str, values: Mapping[str, str]
+) -> dict[str, Any]:
+    """A stage's values, read together: what fits together may take two."""
+    from lacoloco.pipelines.chains.stage_configs import config_of
+
+    try:
+        # the method changes values only, so that any serves to read a field's type
+        config = config_of(experiment, stage, preset=preset, method="drail-cat")
+        config = apply_overrides(config, [f"{path}={value}" for path, value in values.items()])
+    except OverrideError as error:
+        told = str(error).removeprefix("--set ")
+        raise OverrideError(f"--set {stage}.{told}") from error
+    return {path: attrgetter(path)(config) for path in values}

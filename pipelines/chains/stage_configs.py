@@ -13,6 +13,8 @@ Settings = Mapping[str, Mapping[str, Any]]
 """Verb -> dotted path of a field of its config -> value."""
 
 PAPER_METHOD = "paper-method"
+BUDGETS = ("samples", "decisions")
+"""What a recipe sets for ``laptop`` alone: the other presets are named for theirs."""
 METHOD_STAGES = ("train-low", "train-high")
 """Whose recipe is this project's: under that preset they get the paper's method instead."""
 
@@ -37,7 +39,9 @@ def config_of(experiment: Experiment, verb: str, *, preset: str, method: str) ->
     config = known(module.PRESETS, preset, "preset")()
     config = replace(config, **experiment.settings.get(verb, {}))
     if preset != "smoke" and not (preset == PAPER_METHOD and verb in METHOD_STAGES):
-        config = changed(config, experiment.recipe.get(verb, {}))
+        recipe = experiment.recipe.get(verb, {})
+        kept = {key: recipe[key] for key in recipe if preset == "laptop" or key not in BUDGETS}
+        config = changed(config, kept)
     if verb == "train-low":
         discriminator, constrained = known(METHODS, method, "method")
         ase = replace(config.ase, discriminator=discriminator)

@@ -136,4 +136,9 @@ class TrainLowConfig:
 
     def conflict(self) -> str:
         """What does not fit together, "" if all does."""
+        if self.ase.label_weight and not (self.bc_steps and self.expert_rounds != 0):
+            return (
+                f"ase.label_weight={self.ase.label_weight}: no expert is asked; use 0, or more than"
+                " 0 of bc_steps and expert_rounds"
+            )
         return self.ppo.conflict_with(self.worlds)

@@ -79,3 +79,28 @@ def test_an_experiments_recipe_does_not_change_the_papers_method(verb):
     assert config == stage.PRESETS["paper-method"]()
     laptop = config_of(EXPERIMENTS["h1-synthetic"], verb, preset="laptop", method=method)
     assert laptop != stage.PRESETS["laptop"]()
+
+
+@pytest.mark.parametrize("preset", ["gpu", "paper"])
+def test_an_experiments_budget_is_the_laptops_alone(preset):
+    def config(verb, preset):
+        experiment = EXPERIMENTS["h1-synthetic"]
+        return config_of(experiment, verb, preset=preset, method="drail-cat")
+
+    low, high = config("train-low", preset), config("train-high", preset)
+    assert (
+        low.samples == train_low.PRESETS[preset]().samples > config("train-low", "laptop").samples
+    )
+    assert high.decisions == train_high.PRESETS[preset]().decisions
+    assert low.ase.label_weight > 0.0 and high.skill_dynamics.rounds == 8
+
+
+@pytest.mark.parametrize("missing", [{"expert_rounds": 0}, {"bc_steps": 0}])
+def test_nobody_is_held_to_answers_that_no_expert_gives(missing):
+    config = config_of(
+        EXPERIMENTS["h1-synthetic"], "train-low", preset="laptop", method="drail-cat"
+    )
+    assert not config.conflict()
+    assert "no expert is asked" in replace(config, **missing).conflict()
+    free = replace(config.ase, label_weight=0.0)
+    assert not replace(config, ase=free, **missing).conflict()
